@@ -1,0 +1,2 @@
+//! The `maille` command.
+fn main() {}

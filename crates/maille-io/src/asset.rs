@@ -1,0 +1,112 @@
+//! What a file holds: meshes, where they stand, and everything else, kept for writing it back.
+
+use glam::{DMat4, DVec3, Vec3};
+use maille::{Mesh, Semantic};
+
+/// The content of a 3D file.
+///
+/// Each distinct mesh is there once, however often it is drawn, so that work on it is done once. What is not mesh
+/// (materials, textures, nodes, skins, animations, comments, ...) stays in a private part and is written back as it
+/// came when the output has the same format.
+#[derive(Debug, Clone, Default)]
+pub struct Asset {
+    /// The distinct meshes. Reorder or remove none: the private part refers to them by index.
+    pub meshes: Vec<NamedMesh>,
+    /// Where the meshes are drawn; a mesh may appear several times or never.
+    pub instances: Vec<Instance>,
+    /// What was odd in the file but could be read, one sentence each, for the user.
+    pub warnings: Vec<String>,
+    /// What is not mesh.
+    pub(crate) source: Source,
+}
+
+/// A mesh and its name.
+#[derive(Debug, Clone, Default)]
+pub struct NamedMesh {
+    /// Name in the file, empty when there is none.
+    pub name: String,
+    /// The mesh.
+    pub mesh: Mesh,
+}
+
+/// One appearance of a mesh.
+#[derive(Debug, Clone)]
+pub struct Instance {
+    /// Index into [`Asset::meshes`].
+    pub mesh: usize,
+    /// From the mesh's space to the world's, at rest. Not used when there is a skin.
+    pub transform: DMat4,
+    /// With a skin: the matrix of each joint at rest (world matrix times inverse bind matrix).
+    pub joint_matrices: Option<Vec<DMat4>>,
+}
+
+/// What is not mesh, by the format it came from.
+#[derive(Debug, Clone, Default)]
+pub(crate) enum Source {
+    /// Made in code, or a format that holds nothing but meshes.
+    #[default]
+    None,
+}
+
+impl Asset {
+    /// An asset of one mesh, drawn once where it stands.
+    pub fn from_mesh(name: &str, mesh: Mesh) -> Self {
+        Self {
+            meshes: vec![NamedMesh { name: name.to_owned(), mesh }],
+            instances: vec![Instance { mesh: 0, transform: DMat4::IDENTITY, joint_matrices: None }],
+            ..Self::default()
+        }
+    }
+
+    /// Triangles of all distinct meshes.
+    pub fn triangle_count(&self) -> usize {
+        self.meshes.iter().map(|m| m.mesh.triangle_count()).sum()
+    }
+
+    /// Everything that is drawn, as one mesh of positions in world space, posed at rest (skins applied).
+    ///
+    /// Meant for measuring: attributes are left out, vertices of different instances are not joined.
+    pub fn merged_positions(&self) -> Mesh {
+        let mut merged = Mesh::default();
+        for instance in &self.instances {
+            let mesh = &self.meshes[instance.mesh].mesh;
+            let points = instance.posed_wedges(mesh);
+            let first = merged.positions.len() as u32;
+            merged.positions.extend(points.iter().map(|p| p.as_vec3().to_array()));
+            merged.triangles.extend(mesh.triangles.iter().map(|t| t.map(|w| first + w)));
+        }
+        merged.wedge_vertices = (0..merged.positions.len() as u32).collect();
+        merged
+    }
+}
+
+impl Instance {
+    /// World position of each wedge of the mesh, at rest.
+    fn posed_wedges(&self, mesh: &Mesh) -> Vec<DVec3> {
+        let local = |wedge: usize| Vec3::from(mesh.positions[mesh.wedge_vertices[wedge] as usize]).as_dvec3();
+        let Some(joints) = &self.joint_matrices else {
+            return (0..mesh.wedge_count()).map(|w| self.transform.transform_point3(local(w))).collect();
+        };
+        let sets: Vec<(&[u32], &[f32])> = (0..)
+            .map_while(|set| {
+                let joints = mesh.wedge_attribute(&Semantic::Joints(set))?.as_u32()?;
+                Some((joints, mesh.wedge_attribute(&Semantic::Weights(set))?.as_f32()?))
+            })
+            .collect();
+        let skinned = |wedge: usize| {
+            let p = local(wedge);
+            let (mut sum, mut total) = (DVec3::ZERO, 0.0);
+            for (indices, weights) in &sets {
+                for k in 4 * wedge..4 * wedge + 4 {
+                    let (Some(matrix), weight) = (joints.get(indices[k] as usize), f64::from(weights[k])) else {
+                        continue;
+                    };
+                    sum += weight * matrix.transform_point3(p);
+                    total += weight;
+                }
+            }
+            if total > 0.0 { sum / total } else { p }
+        };
+        (0..mesh.wedge_count()).map(skinned).collect()
+    }
+}

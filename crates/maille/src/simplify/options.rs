@@ -1,0 +1,236 @@
+//! What a caller asks of the simplifier, and what it answers.
+
+use crate::control::Cancelled;
+
+/// When to stop. Several may be given; the first one reached stops the work.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Target {
+    /// Stop at this many triangles or fewer.
+    pub triangles: Option<usize>,
+    /// Stop before the error would exceed this distance, in model units.
+    pub max_error: Option<f64>,
+}
+
+/// What a collapse costs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub enum MetricKind {
+    /// Shortest edge first (seed 000, 4.3.1: SEM).
+    ShortestEdge,
+    /// Plane quadrics, summed as vertices merge (Garland and Heckbert 1997; seed 000, 4.3.2: QEM).
+    Quadric,
+    /// [`Quadric`](Self::Quadric) with constraint planes through border edges (seed 000, 4.3.3).
+    #[default]
+    ConstrainedQuadric,
+    /// Quadrics rebuilt from the current triangles at every step (Lindstrom and Turk 1999; seed 000, 4.3.4).
+    MemorylessQuadric,
+    /// [`MemorylessQuadric`](Self::MemorylessQuadric) with constraint planes (seed 000, 4.3.5).
+    ConstrainedMemorylessQuadric,
+    /// [`ConstrainedQuadric`](Self::ConstrainedQuadric) divided by the accumulated weight, a mean squared distance
+    /// (seed 002, 6.3).
+    NormalizedQuadric,
+}
+
+impl MetricKind {
+    /// All metrics with the names the command line gives them.
+    pub const NAMES: [(&'static str, Self); 6] = [
+        ("sem", Self::ShortestEdge),
+        ("qem", Self::Quadric),
+        ("qem-constrained", Self::ConstrainedQuadric),
+        ("qem-memoryless", Self::MemorylessQuadric),
+        ("qem-memoryless-constrained", Self::ConstrainedMemorylessQuadric),
+        ("qem-normalized", Self::NormalizedQuadric),
+    ];
+}
+
+/// How much a triangle's plane counts in the quadrics of its vertices.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub enum QuadricWeight {
+    /// Every plane the same.
+    Uniform,
+    /// By the triangle's area: the quadric of a region does not depend on its tessellation (seed 001, 2.4.3).
+    #[default]
+    Area,
+    /// By the triangle's angle at the vertex.
+    Angle,
+}
+
+/// Where the merged vertex goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub enum PlacementKind {
+    /// Onto the better of the two end points (half-edge collapse).
+    Subset,
+    /// Onto the middle of the edge.
+    Midpoint,
+    /// Where the quadric is least; where it is singular, the least-squares point nearest the middle, else the best
+    /// point of the segment, else the better end point.
+    #[default]
+    Optimal,
+}
+
+impl PlacementKind {
+    /// All placements with the names the command line gives them.
+    pub const NAMES: [(&'static str, Self); 3] =
+        [("subset", Self::Subset), ("midpoint", Self::Midpoint), ("optimal", Self::Optimal)];
+}
+
+/// What happens to edges of one sort: open borders, seams of attributes, borders between materials.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub enum EdgePolicy {
+    /// Nothing special.
+    Free,
+    /// They may collapse along themselves; nothing is pulled off or across them.
+    #[default]
+    Preserve,
+    /// Their vertices stay where they are.
+    Lock,
+}
+
+/// How the normals of merged wedges come about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub enum NormalPolicy {
+    /// Interpolated along the edge and made unit.
+    #[default]
+    Interpolate,
+    /// The mean of the triangles that share the wedge, weighted by their angle (seed 000, 4.2.3).
+    Recompute,
+}
+
+/// Everything the simplifier can be asked for. `SimplifyOptions::default()` with a target is what most want.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimplifyOptions {
+    /// When to stop; at least one of its parts must be given.
+    pub target: Target,
+    /// What a collapse costs.
+    pub metric: MetricKind,
+    /// How planes are weighted in quadric metrics.
+    pub quadric_weight: QuadricWeight,
+    /// Where merged vertices go.
+    pub placement: PlacementKind,
+    /// Open borders.
+    pub boundary: EdgePolicy,
+    /// Edges where a wedge attribute jumps.
+    pub seams: EdgePolicy,
+    /// Edges between triangles of different materials.
+    pub material_borders: EdgePolicy,
+    /// Weight of the constraint planes of preserved edges, relative to the triangles (1: as much as a square of the
+    /// edge's length).
+    pub constraint_weight: f64,
+    /// Refuse collapses that change the topology (link condition; Dey et al. 1999, seed 001, 2.3.3).
+    pub preserve_topology: bool,
+    /// Refuse collapses after which a triangle's normal turns by more than this angle, in radians; `None`: allow all.
+    pub max_normal_turn: Option<f64>,
+    /// Refuse collapses that leave a vertex with a valence outside this range (seed 002 uses 4 to 11).
+    pub valence: Option<(u32, u32)>,
+    /// Refuse collapses that make a triangle both worse than before and worse than this quality
+    /// (4 sqrt 3 area / sum of squared edges: 1 for an equilateral triangle, 0 for a needle).
+    pub min_quality: Option<f64>,
+    /// Also join vertex pairs without an edge that are closer than this distance, in model units.
+    pub join_distance: Option<f64>,
+    /// One entry per vertex: vertices that must stay. Empty: none.
+    pub locked: Vec<bool>,
+    /// One factor per vertex on the cost of its collapses (0 or more; 1 is neutral). Empty: all 1.
+    pub importance: Vec<f32>,
+    /// Normals of merged wedges.
+    pub normals: NormalPolicy,
+    /// Most joints that move one wedge; `None`: as many as the attributes have room for.
+    pub max_influences: Option<u32>,
+}
+
+impl Default for SimplifyOptions {
+    fn default() -> Self {
+        Self {
+            target: Target::default(),
+            metric: MetricKind::default(),
+            quadric_weight: QuadricWeight::default(),
+            placement: PlacementKind::default(),
+            boundary: EdgePolicy::default(),
+            seams: EdgePolicy::default(),
+            material_borders: EdgePolicy::default(),
+            constraint_weight: 1.0,
+            preserve_topology: true,
+            max_normal_turn: Some(75.0_f64.to_radians()),
+            valence: None,
+            min_quality: None,
+            join_distance: None,
+            locked: Vec::new(),
+            importance: Vec::new(),
+            normals: NormalPolicy::default(),
+            max_influences: None,
+        }
+    }
+}
+
+/// Why the simplifier stopped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Stop {
+    /// The wanted number of triangles was reached.
+    Triangles,
+    /// The next collapse would exceed the wanted error.
+    MaxError,
+    /// Every collapse left is forbidden by a constraint.
+    NoLegalCollapse,
+    /// No edge is left.
+    Exhausted,
+}
+
+/// How many candidate collapses each constraint refused (a pair may be refused several times).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Refusals {
+    /// By the link condition.
+    pub topology: u64,
+    /// By the fold-over test.
+    pub fold_over: u64,
+    /// By borders, seams or material borders.
+    pub border: u64,
+    /// By locked vertices.
+    pub locked: u64,
+    /// By the valence range.
+    pub valence: u64,
+    /// By the quality of triangles.
+    pub quality: u64,
+}
+
+/// What the simplifier did.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimplifyReport {
+    /// Triangles before.
+    pub triangles_in: usize,
+    /// Triangles after.
+    pub triangles_out: usize,
+    /// Edge collapses done.
+    pub collapses: u64,
+    /// Largest error of a collapse, in model units: an estimate by the metric, not a bound; measure with
+    /// [`compare`](crate::measure).
+    pub error: f64,
+    /// Why it stopped.
+    pub stopped: Stop,
+    /// What the constraints refused.
+    pub refused: Refusals,
+}
+
+/// Why the simplifier refused to start, or did not end.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SimplifyError {
+    /// An option makes no sense.
+    #[error("option {name}: {reason}")]
+    InvalidOption {
+        /// Its name.
+        name: &'static str,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// The mesh breaks an invariant.
+    #[error(transparent)]
+    Mesh(#[from] crate::mesh::MeshError),
+    /// A position is not finite.
+    #[error("vertex {vertex} is not finite; repair the mesh first")]
+    NotFinite {
+        /// Which vertex.
+        vertex: usize,
+    },
+    /// The caller cancelled.
+    #[error(transparent)]
+    Cancelled(#[from] Cancelled),
+}
