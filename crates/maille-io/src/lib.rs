@@ -6,11 +6,25 @@
 
 mod asset;
 mod error;
+mod format;
+mod gltf;
+mod input;
+mod obj;
+mod off;
+mod output;
+mod ply;
+mod stl;
 
 pub use asset::{Asset, Instance, NamedMesh};
-pub use error::{ReadError, WriteError};
+pub use error::{Place, ReadError, WriteError};
+pub use format::Format;
 
 use std::path::Path;
+
+use maille::Control;
+
+use input::Input;
+use output::Output;
 
 /// What a reader may spend before it refuses.
 #[derive(Debug, Clone)]
@@ -33,18 +47,84 @@ pub struct WriteOptions {
     pub text: bool,
 }
 
-/// Reads a file of any known format, found by its content.
+/// Reads a file of any known format, found by its content; the extension only decides where content leaves a doubt.
+///
+/// Large files are mapped into memory and parsed in place.
 ///
 /// # Errors
 /// [`ReadError`], with the path, the place in the file and what could be done.
-pub fn read(path: &Path, _options: &ReadOptions) -> Result<Asset, ReadError> {
-    Err(ReadError::new("no reader yet").at_path(path))
+pub fn read(path: &Path, options: &ReadOptions) -> Result<Asset, ReadError> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let read = || decode(&Input::open(path)?, Format::from_path(path), Some(folder), options);
+    read().map_err(|error| error.at_path(path))
+}
+
+/// Reads a file that is in memory already. What it refers to by name (buffers of a glTF, the MTL of an OBJ) is not
+/// looked for.
+///
+/// # Errors
+/// [`ReadError`], with the place and what could be done.
+pub fn read_bytes(bytes: &[u8], hint: Option<Format>, options: &ReadOptions) -> Result<Asset, ReadError> {
+    decode(&Input::Given(bytes), hint, None, options)
+}
+
+fn decode(
+    input: &Input<'_>,
+    hint: Option<Format>,
+    folder: Option<&Path>,
+    options: &ReadOptions,
+) -> Result<Asset, ReadError> {
+    if input.is_empty() {
+        return Err(ReadError::new("the file is empty"));
+    }
+    let Some(format) = Format::detect(input, hint) else {
+        let message = "the content is of no format that Maille knows";
+        return Err(ReadError::new(message).with_remedy("convert it to glTF, GLB, PLY, OBJ, STL or OFF"));
+    };
+    let asset = match format {
+        Format::Gltf | Format::Glb => gltf::read(input, folder, options)?,
+        Format::Ply => ply::read(input, options)?,
+        Format::Obj => obj::read(input, folder, options)?,
+        Format::Stl => stl::read(input, options)?,
+        Format::Off => off::read(input, options)?,
+    };
+    if asset.triangle_count() == 0 {
+        let remedy = "Maille works on surfaces; point clouds need a surface reconstruction first";
+        return Err(ReadError::new("the file holds no triangles").with_remedy(remedy));
+    }
+    Ok(asset)
 }
 
 /// Writes a file in the format that the extension of `path` names.
 ///
+/// The files (some formats make several) are written under temporary names in the same folder and renamed at the end:
+/// nobody ever sees half a file, and an error or a panic leaves nothing behind.
+///
 /// # Errors
-/// [`WriteError`], with the path; nothing is left behind then.
-pub fn write(_asset: &Asset, path: &Path, _options: &WriteOptions) -> Result<(), WriteError> {
-    Err(WriteError::new("no writer yet").at_path(path))
+/// [`WriteError`], with the path.
+pub fn write(asset: &Asset, path: &Path, options: &WriteOptions) -> Result<(), WriteError> {
+    write_with(asset, path, options, Control::default())
+}
+
+/// [`write`](fn@write) that can be cancelled: once `control` says so it fails, and leaves nothing behind.
+///
+/// # Errors
+/// [`WriteError`], with the path.
+pub fn write_with(asset: &Asset, path: &Path, options: &WriteOptions, control: Control<'_>) -> Result<(), WriteError> {
+    let write = || {
+        let Some(format) = Format::from_path(path) else {
+            let message = "the extension names no format that Maille writes";
+            return Err(WriteError::new(message).with_remedy("use .glb, .gltf, .ply, .obj, .stl or .off"));
+        };
+        let mut output = Output::new(path, control)?;
+        match format {
+            Format::Gltf | Format::Glb => gltf::write(asset, format == Format::Glb, &mut output, options)?,
+            Format::Ply => ply::write(asset, &mut output, options)?,
+            Format::Obj => obj::write(asset, &mut output, options)?,
+            Format::Stl => stl::write(asset, &mut output, options)?,
+            Format::Off => off::write(asset, &mut output, options)?,
+        }
+        output.commit()
+    };
+    write().map_err(|error| error.at_path(path))
 }
