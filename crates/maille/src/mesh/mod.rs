@@ -2,8 +2,10 @@
 
 mod attribute;
 pub mod shapes;
+mod weld;
 
 pub use attribute::{Attribute, ComponentType, Semantic, Storage, Values};
+pub use weld::{WeldOptions, WeldReport};
 
 /// A triangle mesh as files and GPUs want it: flat arrays, no adjacency.
 ///
