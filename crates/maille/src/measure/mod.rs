@@ -1,1 +1,20 @@
-//! (under construction)
+//! How far apart two surfaces are, and how good one is.
+//!
+//! [`compare`] answers the first, [`Figures`] the second; [`Bvh`] and [`SurfaceSampler`] are what they are made of.
+
+mod bvh;
+mod chunks;
+mod compare;
+mod edges;
+mod figures;
+mod heatmap;
+mod sample;
+mod triangle;
+
+pub use bvh::{Bvh, ClosestPoint, Searcher};
+pub use compare::{
+    CompareError, CompareOptions, Comparison, Deviation, NormalDeviation, Side, compare, distances_at_vertices,
+};
+pub use figures::{BAD_ANGLE_DEG, Figures, Quality, area, boundary_length, euler_characteristic, volume};
+pub use heatmap::{heatmap, viridis};
+pub use sample::{SurfaceSample, SurfaceSampler};
