@@ -84,29 +84,24 @@ impl Instance {
     /// World position of each wedge of the mesh, at rest.
     fn posed_wedges(&self, mesh: &Mesh) -> Vec<DVec3> {
         let local = |wedge: usize| Vec3::from(mesh.positions[mesh.wedge_vertices[wedge] as usize]).as_dvec3();
-        let Some(joints) = &self.joint_matrices else {
-            return (0..mesh.wedge_count()).map(|w| self.transform.transform_point3(local(w))).collect();
-        };
-        let sets: Vec<(&[u32], &[f32])> = (0..)
-            .map_while(|set| {
-                let joints = mesh.wedge_attribute(&Semantic::Joints(set))?.as_u32()?;
-                Some((joints, mesh.wedge_attribute(&Semantic::Weights(set))?.as_f32()?))
-            })
-            .collect();
-        let skinned = |wedge: usize| {
-            let p = local(wedge);
-            let (mut sum, mut total) = (DVec3::ZERO, 0.0);
-            for (indices, weights) in &sets {
-                for k in 4 * wedge..4 * wedge + 4 {
-                    let (Some(matrix), weight) = (joints.get(indices[k] as usize), f64::from(weights[k])) else {
-                        continue;
-                    };
-                    sum += weight * matrix.transform_point3(p);
-                    total += weight;
+        (0..mesh.wedge_count()).map(|w| self.wedge_matrix(mesh, w).transform_point3(local(w))).collect()
+    }
+
+    /// From the mesh's space to the world's for one wedge, at rest: with a skin, the mean of its joints by weight.
+    pub(crate) fn wedge_matrix(&self, mesh: &Mesh, wedge: usize) -> DMat4 {
+        let Some(matrices) = &self.joint_matrices else { return self.transform };
+        let (mut sum, mut total) = (DMat4::ZERO, 0.0);
+        for set in 0.. {
+            let joints = mesh.wedge_attribute(&Semantic::Joints(set)).and_then(|a| a.as_u32());
+            let weights = mesh.wedge_attribute(&Semantic::Weights(set)).and_then(|a| a.as_f32());
+            let (Some(joints), Some(weights)) = (joints, weights) else { break };
+            for k in 4 * wedge..4 * wedge + 4 {
+                if let Some(matrix) = matrices.get(joints[k] as usize) {
+                    sum += *matrix * f64::from(weights[k]);
+                    total += f64::from(weights[k]);
                 }
             }
-            if total > 0.0 { sum / total } else { p }
-        };
-        (0..mesh.wedge_count()).map(skinned).collect()
+        }
+        if total > 0.0 { sum * total.recip() } else { DMat4::IDENTITY }
     }
 }

@@ -5,7 +5,9 @@
 //! beside the target and renames it, so that no reader ever sees half a file.
 
 mod asset;
+mod color;
 mod error;
+mod flatten;
 mod format;
 mod gltf;
 mod input;
@@ -13,7 +15,10 @@ mod obj;
 mod off;
 mod output;
 mod ply;
+mod settle;
 mod stl;
+mod text;
+mod triangulate;
 
 pub use asset::{Asset, Instance, NamedMesh};
 pub use error::{Place, ReadError, WriteError};
