@@ -13,6 +13,8 @@ pub mod mesh;
 pub mod samples;
 pub mod simplify;
 pub mod topology;
+#[cfg(test)]
+mod zoo;
 
 pub use control::Control;
 pub use mesh::{Attribute, Mesh, Semantic};

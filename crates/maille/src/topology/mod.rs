@@ -1,7 +1,23 @@
 //! Connectivity: who is next to whom.
+//!
+//! A [`Mesh`](crate::Mesh) knows only which wedges its triangles name. From it one builds a [`CornerTable`]: read-only,
+//! two arrays, every adjacency in constant time, for any input however broken. It answers what the surface is as a
+//! whole: [boundary loops](CornerTable::boundary_loops), [components](CornerTable::components),
+//! [genus](CornerTable::genus), [orientability](CornerTable::is_orientable).
+//!
+//! Elements are named by 32-bit ids ([`VertexId`], [`FaceId`], [`CornerId`]); a half-edge has the name of the corner
+//! that it leaves.
 
+mod corner_table;
+mod edges;
 mod ids;
+mod surface;
 mod union_find;
 
+pub use corner_table::{CornerTable, Fan, TopologyError, TopologyReport};
 pub use ids::{CornerId, FaceId, VertexId};
+pub use surface::{BoundaryLoops, ClosedSurface, Component, Components};
 pub(crate) use union_find::UnionFind;
+
+#[cfg(test)]
+mod tests;
