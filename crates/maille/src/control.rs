@@ -2,6 +2,9 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+/// Called with the name of a stage and the share of it that is done, 0 to 1.
+pub type Progress<'a> = &'a (dyn Fn(&str, f32) + Sync);
+
 /// How a caller watches and stops a long computation.
 ///
 /// Algorithms call [`report`](Self::report) at least a few times a second, from one thread at a time per stage, and
@@ -17,14 +20,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// ```
 #[derive(Clone, Copy, Default)]
 pub struct Control<'a> {
-    progress: Option<&'a (dyn Fn(&str, f32) + Sync)>,
+    progress: Option<Progress<'a>>,
     cancel: Option<&'a AtomicBool>,
 }
 
 impl<'a> Control<'a> {
     /// A control that calls `progress` with the name of the stage and the share done (0 to 1), and stops once `cancel`
     /// is set.
-    pub fn new(progress: Option<&'a (dyn Fn(&str, f32) + Sync)>, cancel: Option<&'a AtomicBool>) -> Self {
+    pub fn new(progress: Option<Progress<'a>>, cancel: Option<&'a AtomicBool>) -> Self {
         Self { progress, cancel }
     }
 

@@ -1,23 +1,170 @@
-//! Simplification by edge collapse.
+//! Simplification by edge collapse: the classical engine.
+//!
+//! [`simplify`] is the easy door; [`collapse_edges`] the workshop door, with any [`Metric`] and [`Observer`]. The loop
+//! knows neither attributes (an observer, `wedges`, merges them) nor what a cost means (the metric does).
+//!
+//! | file | holds |
+//! |---|---|
+//! | `driver` | the loop |
+//! | `queue` | the addressable heap |
+//! | `metric`, `quadric` | costs and placements |
+//! | `features` | borders, seams, material borders, locks |
+//! | `legality` | link condition, fold-over, valence, quality |
+//! | `wedges` | attributes of merged wedges |
+//! | `pairs` | vertices to be joined although no edge does |
 
+mod driver;
+mod features;
+mod legality;
+mod metric;
 mod options;
+mod pairs;
+mod quadric;
+mod queue;
+mod wedges;
 
+pub use driver::{Observer, Outcome, Request, collapse_edges};
+pub use features::{Barred, Features};
+pub use legality::{Collapse, Limits, triangle_quality};
+pub use metric::{Anchor, Candidate, EdgeContext, Metric, QuadricMetric, QuadricOptions, ShortestEdge, Update};
 pub use options::{
     EdgePolicy, MetricKind, NormalPolicy, PlacementKind, QuadricWeight, Refusals, SimplifyError, SimplifyOptions,
     SimplifyReport, Stop, Target,
 };
+pub use quadric::Quadric;
+pub use wedges::WedgeMerger;
 
+use crate::topology::CollapseMesh;
 use crate::{Control, Mesh};
 
 /// Reduces a triangle mesh by greedy edge collapse, cheapest first.
 ///
+/// Any triangle mesh will do: non-manifold edges and vertices, open borders, several components. Wedges merge by the
+/// continuity across the vanishing triangles, attributes are blended; those of untouched wedges keep their bits. The
+/// result is compacted: no unused vertices or wedges, everything in its old order. Triangles that name a vertex twice
+/// are dropped.
+///
+/// Units: `max_error` and the reported error are distances in model units. Cost: O(n log n) time.
+///
 /// # Errors
 /// [`SimplifyError`] for options that make no sense, a mesh that breaks its invariants, or cancellation; the mesh is
 /// unchanged then.
+///
+/// # References
+/// Garland and Heckbert, SIGGRAPH 1997; Hoppe, SIGGRAPH 1996 (wedges); seed 000, chapter 4; seed 001, chapter 2.
+///
+/// # Examples
+/// ```
+/// use maille::simplify::{SimplifyOptions, Stop, Target, simplify};
+/// let mut mesh = maille::mesh::shapes::sphere(4);
+/// let options = SimplifyOptions { target: Target { triangles: Some(500), ..Default::default() }, ..Default::default() };
+/// let report = simplify(&mut mesh, &options, Default::default())?;
+/// assert_eq!(report.stopped, Stop::Triangles);
+/// assert_eq!((report.triangles_in, mesh.triangle_count()), (2048, 500));
+/// assert!(report.error < 0.01);
+/// # Ok::<(), maille::simplify::SimplifyError>(())
+/// ```
 pub fn simplify(
-    _mesh: &mut Mesh,
-    _options: &SimplifyOptions,
-    _control: Control<'_>,
+    mesh: &mut Mesh,
+    options: &SimplifyOptions,
+    control: Control<'_>,
 ) -> Result<SimplifyReport, SimplifyError> {
-    Err(SimplifyError::InvalidOption { name: "target", reason: "under construction".into() })
+    mesh.check()?;
+    check_options(mesh, options)?;
+    let triangles_in = mesh.triangle_count();
+    let vertices = (0..triangles_in).map(|t| mesh.triangle_vertices(t));
+    let mut faces = CollapseMesh::new(mesh.positions.clone(), vertices);
+    if let Some(distance) = options.join_distance {
+        faces.add_pairs(&pairs::close_pairs(&mesh.positions, distance));
+    }
+    let mut features = Features::new(mesh, &faces, options);
+    let mut wedges = WedgeMerger::new(mesh, options);
+    let unit = faces.frame().unit();
+    let request = Request {
+        target_faces: options.target.triangles.unwrap_or(0),
+        limits: Limits {
+            preserve_topology: options.preserve_topology,
+            min_normal_cos: options.max_normal_turn.map(f64::cos),
+            valence: options.valence,
+            min_quality: options.min_quality,
+            max_error_sq: options.target.max_error.map(|e| (e / unit).powi(2)),
+        },
+        importance: &options.importance,
+    };
+    let outcome = match quadric_options(options) {
+        None => {
+            let mut metric = ShortestEdge::new(options.placement);
+            collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
+        }
+        Some(quadric) => {
+            let mut metric = QuadricMetric::new(quadric);
+            collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
+        }
+    }?;
+    wedges.finish(faces, mesh);
+    Ok(SimplifyReport {
+        triangles_in,
+        triangles_out: mesh.triangle_count(),
+        collapses: outcome.collapses,
+        error: outcome.error,
+        stopped: outcome.stopped,
+        refused: outcome.refused,
+    })
+}
+
+/// The options of the quadric metrics, `None` for the metric that has no quadrics.
+fn quadric_options(options: &SimplifyOptions) -> Option<QuadricOptions> {
+    let (constrained, memoryless, normalized) = match options.metric {
+        MetricKind::ShortestEdge => return None,
+        MetricKind::Quadric => (false, false, false),
+        MetricKind::ConstrainedQuadric => (true, false, false),
+        MetricKind::MemorylessQuadric => (false, true, false),
+        MetricKind::ConstrainedMemorylessQuadric => (true, true, false),
+        MetricKind::NormalizedQuadric => (true, false, true),
+    };
+    Some(QuadricOptions {
+        weight: options.quadric_weight,
+        placement: options.placement,
+        constraint: constrained.then_some(options.constraint_weight),
+        memoryless,
+        normalized,
+    })
+}
+
+fn check_options(mesh: &Mesh, options: &SimplifyOptions) -> Result<(), SimplifyError> {
+    let invalid = |name, reason: &str| Err(SimplifyError::InvalidOption { name, reason: reason.to_owned() });
+    let positive = |x: f64| x >= 0.0 && x.is_finite();
+    if options.target.triangles.is_none() && options.target.max_error.is_none() {
+        return invalid("target", "neither a triangle count nor an error is given");
+    }
+    if !options.target.max_error.is_none_or(|e| e >= 0.0) {
+        return invalid("max_error", "must not be negative or NaN");
+    }
+    if !positive(options.constraint_weight) {
+        return invalid("constraint_weight", "must be finite and not negative");
+    }
+    if !options.join_distance.is_none_or(positive) {
+        return invalid("join_distance", "must be finite and not negative");
+    }
+    if !options.max_normal_turn.is_none_or(|a| (0.0..=std::f64::consts::PI).contains(&a)) {
+        return invalid("max_normal_turn", "must be between 0 and pi");
+    }
+    if options.valence.is_some_and(|(low, high)| low > high) {
+        return invalid("valence", "the lower bound is above the upper one");
+    }
+    if options.max_influences == Some(0) {
+        return invalid("max_influences", "at least one joint must move a wedge");
+    }
+    let per_vertex = [("locked", options.locked.len()), ("importance", options.importance.len())];
+    if let Some((name, _)) = per_vertex.into_iter().find(|&(_, n)| n != 0 && n != mesh.vertex_count()) {
+        return invalid(name, "needs one entry per vertex, or none at all");
+    }
+    if !options.importance.iter().all(|&x| positive(f64::from(x))) {
+        return invalid("importance", "must be finite and not negative");
+    }
+    let broken = |p: &[f32; 3]| !p.iter().all(|x| x.is_finite());
+    match mesh.positions.iter().position(broken) {
+        Some(vertex) => Err(SimplifyError::NotFinite { vertex }),
+        None => Ok(()),
+    }
 }

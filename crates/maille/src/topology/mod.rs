@@ -7,13 +7,17 @@
 //!
 //! Elements are named by 32-bit ids ([`VertexId`], [`FaceId`], [`CornerId`]); a half-edge has the name of the corner
 //! that it leaves.
+//!
+//! For editing there is [`CollapseMesh`], which edge collapse works on.
 
+pub mod collapse_mesh;
 mod corner_table;
 mod edges;
 mod ids;
 mod surface;
 mod union_find;
 
+pub use collapse_mesh::CollapseMesh;
 pub use corner_table::{CornerTable, Fan, TopologyError, TopologyReport};
 pub use ids::{CornerId, FaceId, VertexId};
 pub use surface::{BoundaryLoops, ClosedSurface, Component, Components};

@@ -1,0 +1,267 @@
+//! The loop: take the cheapest collapse, test it, make it, tell everyone.
+
+use rayon::prelude::*;
+
+use super::features::{Barred, Features};
+use super::legality::{Collapse, Limits};
+use super::metric::{Anchor, Candidate, EdgeContext, Metric, Update};
+use super::options::{Refusals, Stop};
+use super::queue::Queue;
+use crate::Control;
+use crate::control::Cancelled;
+use crate::topology::CollapseMesh;
+use crate::topology::collapse_mesh::{CollapseEffect, Marks, RingFace};
+
+/// Sees every collapse just before it is made.
+pub trait Observer {
+    /// `mesh` is as it was before the collapse.
+    fn on_collapse(&mut self, mesh: &CollapseMesh, collapse: &Collapse<'_>);
+}
+
+/// Sees nothing.
+impl Observer for () {
+    fn on_collapse(&mut self, _: &CollapseMesh, _: &Collapse<'_>) {}
+}
+
+/// Both see everything.
+impl<A: Observer, B: Observer> Observer for (A, B) {
+    fn on_collapse(&mut self, mesh: &CollapseMesh, collapse: &Collapse<'_>) {
+        self.0.on_collapse(mesh, collapse);
+        self.1.on_collapse(mesh, collapse);
+    }
+}
+
+/// What the loop did.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outcome {
+    /// Collapses made.
+    pub collapses: u64,
+    /// Largest error of a collapse, in model units.
+    pub error: f64,
+    /// Why it stopped.
+    pub stopped: Stop,
+    /// What the constraints refused.
+    pub refused: Refusals,
+}
+
+/// What the loop is asked for.
+#[derive(Debug, Clone, Copy)]
+pub struct Request<'a> {
+    /// Stop at this many faces or fewer.
+    pub target_faces: usize,
+    /// Tests that every collapse has to pass.
+    pub limits: Limits,
+    /// One factor per vertex on costs; empty: all 1.
+    pub importance: &'a [f32],
+}
+
+/// Collapses edges of `mesh`, cheapest first, until the request is met or nothing is left to collapse.
+///
+/// This is the workshop door: any [`Metric`], any [`Observer`], one loop. [`simplify`](super::simplify) is the easy one.
+///
+/// # Errors
+/// [`Cancelled`]; the mesh is then somewhere in between.
+pub fn collapse_edges<M: Metric, O: Observer>(
+    mesh: &mut CollapseMesh,
+    metric: &mut M,
+    features: &mut Features,
+    observer: &mut O,
+    request: &Request<'_>,
+    control: Control<'_>,
+) -> Result<Outcome, Cancelled> {
+    control.report("preparing", 0.0);
+    metric.prepare(mesh, features);
+    let mut run = Loop {
+        marks: Marks::new(mesh.vertex_count()),
+        importance: request.importance.to_vec(),
+        outcome: Outcome { collapses: 0, error: 0.0, stopped: Stop::Exhausted, refused: Refusals::default() },
+        over_error: false,
+        mesh,
+        metric,
+        features,
+        observer,
+        limits: request.limits,
+        kept_ring: Vec::new(),
+        removed_ring: Vec::new(),
+        effect: CollapseEffect::default(),
+    };
+    let start = run.mesh.live_face_count();
+    let mut queue = run.fill_queue();
+    let mut collapses_at_fill = 0;
+    let mut steps = 0_u64;
+    while run.mesh.live_face_count() > request.target_faces {
+        if steps.is_multiple_of(4096) {
+            let wanted = (start - request.target_faces) as f32;
+            control.report("collapsing edges", (start - run.mesh.live_face_count()) as f32 / wanted);
+            if control.is_cancelled() {
+                return Err(Cancelled);
+            }
+        }
+        steps += 1;
+        if let Some((edge, cost)) = queue.peek() {
+            run.step(&mut queue, edge, cost);
+            continue;
+        }
+        // what was refused may have become legal through collapses nearby: once more, as long as that is worth it
+        let progress = run.outcome.collapses - collapses_at_fill;
+        if progress * 50 < run.mesh.live_face_count() as u64 || progress == 0 {
+            break;
+        }
+        collapses_at_fill = run.outcome.collapses;
+        queue = run.fill_queue();
+    }
+    let mut outcome = run.outcome;
+    outcome.stopped = if run.mesh.live_face_count() <= request.target_faces {
+        Stop::Triangles
+    } else if run.over_error {
+        Stop::MaxError
+    } else if outcome.refused == Refusals::default() {
+        Stop::Exhausted
+    } else {
+        Stop::NoLegalCollapse
+    };
+    Ok(outcome)
+}
+
+/// How much a cost may rise before an edge goes back into the queue: what `f32` rounds away, and a little more.
+const SLACK: f64 = 1.0 + 1e-6;
+
+struct Loop<'a, M, O> {
+    mesh: &'a mut CollapseMesh,
+    metric: &'a mut M,
+    features: &'a mut Features,
+    observer: &'a mut O,
+    limits: Limits,
+    importance: Vec<f32>,
+    marks: Marks,
+    outcome: Outcome,
+    /// Whether some collapse was refused because of its error alone.
+    over_error: bool,
+    kept_ring: Vec<RingFace>,
+    removed_ring: Vec<RingFace>,
+    effect: CollapseEffect,
+}
+
+/// What the cost of an edge depends on.
+struct Costs<'a, M> {
+    mesh: &'a CollapseMesh,
+    metric: &'a M,
+    features: &'a Features,
+    importance: &'a [f32],
+}
+
+impl<M: Metric> Costs<'_, M> {
+    /// The candidate of an edge; `Ok(None)` when it is no more or the metric forbids it.
+    #[inline]
+    fn evaluate(&self, edge: u32) -> Result<Option<Candidate>, Barred> {
+        if !self.mesh.has_edge(edge) {
+            return Ok(None);
+        }
+        let ends = self.mesh.ends(edge);
+        let anchor = self.features.anchor(edge, ends)?;
+        let context = EdgeContext { ends, points: ends.map(|v| self.mesh.point(v)), anchor };
+        let mut candidate = self.metric.evaluate(&context);
+        if let (Some(candidate), false) = (&mut candidate, self.importance.is_empty()) {
+            let [a, b] = ends.map(|v| f64::from(self.importance[v as usize]));
+            candidate.cost *= match anchor {
+                // what stays does not lose its detail
+                Anchor::First => b,
+                Anchor::Second => a,
+                Anchor::Free => a.max(b),
+            };
+        }
+        Ok(candidate)
+    }
+}
+
+impl<M: Metric, O: Observer> Loop<'_, M, O> {
+    fn costs(&self) -> Costs<'_, M> {
+        Costs { mesh: self.mesh, metric: self.metric, features: self.features, importance: &self.importance }
+    }
+
+    fn fill_queue(&self) -> Queue {
+        let costs = self.costs();
+        let cost = |edge| costs.evaluate(edge).ok().flatten().map_or(f32::NAN, |candidate| candidate.cost as f32);
+        let costs: Vec<f32> = (0..self.mesh.edge_count() as u32).into_par_iter().map(cost).collect();
+        Queue::new(costs.iter().map(|&cost| (!cost.is_nan()).then_some(f64::from(cost))))
+    }
+
+    /// Looks at the cheapest edge: it collapses, goes back with a higher cost, or out of the queue.
+    fn step(&mut self, queue: &mut Queue, edge: u32, stored_cost: f64) {
+        let candidate = match self.costs().evaluate(edge) {
+            Ok(Some(candidate)) => candidate,
+            barred => {
+                match barred {
+                    Err(Barred::Feature) => self.outcome.refused.border += 1,
+                    Err(Barred::Locked) => self.outcome.refused.locked += 1,
+                    Ok(_) => {}
+                }
+                return queue.remove(edge);
+            }
+        };
+        if candidate.cost > stored_cost * SLACK + f64::MIN_POSITIVE && f64::from(candidate.cost as f32) > stored_cost {
+            return queue.set(edge, candidate.cost);
+        }
+        if self.limits.max_error_sq.is_some_and(|most| candidate.error_sq > most) {
+            self.over_error = true;
+            return queue.remove(edge);
+        }
+        if self.try_collapse(edge, &candidate) {
+            self.update_queue(queue);
+        } else {
+            queue.remove(edge);
+        }
+    }
+
+    fn try_collapse(&mut self, edge: u32, candidate: &Candidate) -> bool {
+        let [kept, removed] = self.mesh.ends(edge);
+        self.mesh.ring(kept, &mut self.kept_ring);
+        self.mesh.ring(removed, &mut self.removed_ring);
+        let [a, b] = [kept, removed].map(|v| self.mesh.point(v));
+        let along = b - a;
+        let length_sq = along.length_squared();
+        let t = if length_sq > 0.0 { ((candidate.position - a).dot(along) / length_sq).clamp(0.0, 1.0) } else { 0.0 };
+        let position = if candidate.position == a {
+            self.mesh.position(kept)
+        } else if candidate.position == b {
+            self.mesh.position(removed)
+        } else {
+            self.mesh.frame().leave(candidate.position)
+        };
+        let error = candidate.error_sq.sqrt() * self.mesh.frame().unit();
+        let (kept_ring, removed_ring) = (&self.kept_ring, &self.removed_ring);
+        let collapse = Collapse { edge, kept, removed, position, t: t as f32, error, kept_ring, removed_ring };
+        if !self.limits.allow(self.mesh, &collapse, &mut self.marks, &mut self.outcome.refused) {
+            return false;
+        }
+        self.observer.on_collapse(self.mesh, &collapse);
+        self.outcome.collapses += 1;
+        self.outcome.error = self.outcome.error.max(error);
+        let (marks, effect) = (&mut self.marks, &mut self.effect);
+        self.mesh.collapse(edge, [kept, removed], position, kept_ring, removed_ring, marks, effect);
+        self.features.commit(kept, removed, effect);
+        self.metric.commit(self.mesh, kept, removed, &effect.neighbors, self.features);
+        if !self.importance.is_empty() {
+            let merged = self.importance[kept as usize].max(self.importance[removed as usize]);
+            self.importance[kept as usize] = merged;
+        }
+        true
+    }
+
+    /// Brings the queue up to date after a collapse.
+    fn update_queue(&self, queue: &mut Queue) {
+        for &edge in &self.effect.removed_edges {
+            queue.remove(edge);
+        }
+        let lazy = self.metric.update() == Update::WhenDue;
+        for &edge in &self.effect.edges {
+            if lazy && queue.contains(edge) {
+                continue;
+            }
+            match self.costs().evaluate(edge) {
+                Ok(Some(candidate)) => queue.set(edge, candidate.cost),
+                _ => queue.remove(edge),
+            }
+        }
+    }
+}

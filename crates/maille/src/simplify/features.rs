@@ -1,0 +1,203 @@
+//! Edges and vertices to be preserved: open borders, seams, material borders, locks.
+
+use super::metric::Anchor;
+use super::options::{EdgePolicy, SimplifyOptions};
+use crate::mesh::{Attribute, Mesh, Semantic, Values};
+use crate::topology::CollapseMesh;
+use crate::topology::collapse_mesh::CollapseEffect;
+
+/// Open border, or an edge of three faces and more.
+const BORDER: u8 = 1;
+/// The texture coordinates, the colour or another wedge attribute jump here. Normals do not count: what is flat-shaded
+/// has creases everywhere, and quadrics keep sharp edges by themselves.
+const SEAM: u8 = 2;
+/// Between two materials.
+const MATERIAL: u8 = 4;
+
+/// What a vertex is to the features around it; a merged vertex is the higher of its two.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Kind {
+    /// No feature touches it.
+    Regular,
+    /// Inside a curve of open border.
+    OnBorder,
+    /// Inside a curve of seams or material borders.
+    OnSeam,
+    /// Where curves end, meet or cross: it stays, others may merge into it.
+    Corner,
+    /// It stays by the user's wish.
+    Locked,
+}
+
+/// Why an edge may not collapse.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Barred {
+    /// Both ends are locked.
+    Locked,
+    /// A border, seam or material border would be torn, crossed or pinched.
+    Feature,
+}
+
+/// Which edges of a mesh are to be preserved, kept up to date through collapses.
+#[derive(Debug, Default)]
+pub struct Features {
+    /// Flags of each edge; empty when there are no features.
+    edges: Vec<u8>,
+    /// Kind of each vertex; empty when there are no features and no locks.
+    vertices: Vec<Kind>,
+}
+
+impl Features {
+    /// Finds the features of a mesh that the options want preserved or locked. `faces` has the edges and must have
+    /// been built from `mesh`.
+    pub fn new(mesh: &Mesh, faces: &CollapseMesh, options: &SimplifyOptions) -> Self {
+        let flags = edge_flags(mesh, faces, options);
+        let any = flags.iter().any(|&f| f != 0);
+        if !any && !options.locked.contains(&true) {
+            return Self::default();
+        }
+        let vertices = vertex_kinds(faces, &flags, options);
+        Self { edges: if any { flags } else { Vec::new() }, vertices }
+    }
+
+    /// Whether an edge is a feature.
+    #[inline]
+    pub fn is_feature(&self, edge: u32) -> bool {
+        self.edges.get(edge as usize).is_some_and(|&flags| flags != 0)
+    }
+
+    /// Whether a vertex is on a feature or locked.
+    #[inline]
+    pub fn touches(&self, vertex: u32) -> bool {
+        self.vertices.get(vertex as usize).is_some_and(|&kind| kind != Kind::Regular)
+    }
+
+    /// Where the merged vertex of an edge may go.
+    #[inline]
+    pub fn anchor(&self, edge: u32, [a, b]: [u32; 2]) -> Result<Anchor, Barred> {
+        if self.vertices.is_empty() {
+            return Ok(Anchor::Free);
+        }
+        let (ka, kb) = (self.vertices[a as usize], self.vertices[b as usize]);
+        if ka == Kind::Regular && kb == Kind::Regular {
+            return Ok(Anchor::Free);
+        }
+        let along = self.is_feature(edge);
+        let (low, high) = (ka.min(kb), ka.max(kb));
+        let higher = if ka > kb { Anchor::First } else { Anchor::Second };
+        match (low, high) {
+            (Kind::Locked, Kind::Locked) => Err(Barred::Locked),
+            (Kind::Corner, _) => Err(Barred::Feature),
+            (Kind::Regular, Kind::OnBorder) => Ok(Anchor::Free),
+            (Kind::Regular, _) => Ok(higher),
+            _ if !along => Err(Barred::Feature),
+            (_, Kind::Corner | Kind::Locked) => Ok(higher),
+            _ if ka == kb => Ok(Anchor::Free),
+            _ => Err(Barred::Feature),
+        }
+    }
+
+    /// A collapse has merged `removed` into `kept`.
+    pub fn commit(&mut self, kept: u32, removed: u32, effect: &CollapseEffect) {
+        if !self.vertices.is_empty() {
+            let merged = self.vertices[kept as usize].max(self.vertices[removed as usize]);
+            self.vertices[kept as usize] = merged;
+        }
+        if !self.edges.is_empty() {
+            for &(gone, into) in &effect.merged_edges {
+                self.edges[into as usize] |= self.edges[gone as usize];
+            }
+        }
+    }
+}
+
+fn edge_flags(mesh: &Mesh, faces: &CollapseMesh, options: &SimplifyOptions) -> Vec<u8> {
+    let wanted = |policy: EdgePolicy, flag: u8| if policy == EdgePolicy::Free { 0 } else { flag };
+    let border = wanted(options.boundary, BORDER);
+    let has_wedges = mesh.wedge_count() != mesh.vertex_count();
+    let seam = if has_wedges { wanted(options.seams, SEAM) } else { 0 };
+    let material = if mesh.triangle_materials.is_empty() { 0 } else { wanted(options.material_borders, MATERIAL) };
+    let mut flags = vec![0; faces.edge_count()];
+    let mut count = vec![0_u8; if border != 0 { faces.edge_count() } else { 0 }];
+    let mut first = vec![u32::MAX; if seam | material != 0 { faces.edge_count() } else { 0 }];
+    for face in 0..faces.face_count() {
+        let Some(edges) = faces.face_edges(face) else { continue };
+        for (k, edge) in edges.into_iter().enumerate().map(|(k, edge)| (k, edge as usize)) {
+            if border != 0 {
+                count[edge] = count[edge].saturating_add(1);
+            }
+            if seam | material == 0 {
+                continue;
+            }
+            let other = std::mem::replace(&mut first[edge], (face * 4 + k) as u32);
+            if other == u32::MAX {
+                continue;
+            }
+            let (other, j) = ((other / 4) as usize, (other % 4) as usize);
+            if material != 0 && mesh.triangle_material(face) != mesh.triangle_material(other) {
+                flags[edge] |= material;
+            }
+            if seam != 0 && jumps(mesh, (face, k), (other, j)) {
+                flags[edge] |= seam;
+            }
+        }
+    }
+    for (flags, &count) in flags.iter_mut().zip(&count) {
+        if count != 2 && count != 0 {
+            *flags |= border;
+        }
+    }
+    flags
+}
+
+/// Whether wedge attributes other than normals and tangents differ across the edge opposite to corner k of one
+/// triangle and corner j of another.
+fn jumps(mesh: &Mesh, (one, k): (usize, usize), (other, j): (usize, usize)) -> bool {
+    let (s, t) = (mesh.triangles[one], mesh.triangles[other]);
+    let [a, b] = [s[(k + 1) % 3], s[(k + 2) % 3]];
+    let vertex = |wedge: u32| mesh.wedge_vertices[wedge as usize];
+    let across = |wedge: u32| {
+        [t[(j + 1) % 3], t[(j + 2) % 3]].into_iter().find(|&w| vertex(w) == vertex(wedge)).unwrap_or(wedge)
+    };
+    [a, b].into_iter().any(|w| across(w) != w && !same_values(mesh, w, across(w)))
+}
+
+fn same_values(mesh: &Mesh, v: u32, w: u32) -> bool {
+    let counts = |a: &&Attribute| !matches!(a.semantic, Semantic::Normal | Semantic::Tangent);
+    mesh.wedge_attributes.iter().filter(counts).all(|a| {
+        let range = |w: u32| w as usize * a.components..(w as usize + 1) * a.components;
+        match &a.values {
+            Values::F32(x) => x[range(v)] == x[range(w)],
+            Values::U32(x) => x[range(v)] == x[range(w)],
+        }
+    })
+}
+
+fn vertex_kinds(faces: &CollapseMesh, flags: &[u8], options: &SimplifyOptions) -> Vec<Kind> {
+    /// Edges of a vertex by sort, as far as counting needs to go.
+    #[derive(Clone, Copy, Default)]
+    struct Counts {
+        border: u8,
+        seam: u8,
+        lock: bool,
+    }
+    let mut counts = vec![Counts::default(); faces.vertex_count()];
+    let locks = [(options.boundary, BORDER), (options.seams, SEAM), (options.material_borders, MATERIAL)];
+    let locking = locks.iter().filter(|(policy, _)| *policy == EdgePolicy::Lock).fold(0, |all, (_, flag)| all | flag);
+    for (edge, &flags) in flags.iter().enumerate().filter(|&(_, &flags)| flags != 0) {
+        for v in faces.ends(edge as u32) {
+            let at = &mut counts[v as usize];
+            at.border = at.border.saturating_add(u8::from(flags & BORDER != 0));
+            at.seam = at.seam.saturating_add(u8::from(flags & (SEAM | MATERIAL) != 0));
+            at.lock |= flags & locking != 0;
+        }
+    }
+    let kind = |(v, at): (usize, &Counts)| match (at.border, at.seam) {
+        _ if at.lock || options.locked.get(v).copied().unwrap_or(false) => Kind::Locked,
+        (0, 0) => Kind::Regular,
+        (2, 0) => Kind::OnBorder,
+        (0, 2) => Kind::OnSeam,
+        _ => Kind::Corner,
+    };
+    counts.iter().enumerate().map(kind).collect()
+}

@@ -1,0 +1,184 @@
+//! Tests that a collapse has to pass: link condition, fold-over, valence, quality.
+
+use glam::DVec3;
+
+use super::options::Refusals;
+use crate::topology::collapse_mesh::{CollapseMesh, Marks, RingFace};
+
+/// Which tests are made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// The link condition.
+    pub preserve_topology: bool,
+    /// Least cosine of the angle by which a face's normal may turn.
+    pub min_normal_cos: Option<f64>,
+    /// Least and largest valence of the merged vertex, and least of its neighbours'.
+    pub valence: Option<(u32, u32)>,
+    /// Least quality of a triangle, unless it was worse before.
+    pub min_quality: Option<f64>,
+    /// Largest squared error of a collapse, in the unit frame.
+    pub max_error_sq: Option<f64>,
+}
+
+/// A collapse about to be tested or made: `removed` merges into `kept`, which moves.
+#[derive(Debug)]
+pub struct Collapse<'a> {
+    /// The edge.
+    pub edge: u32,
+    /// The vertex that stays, by name.
+    pub kept: u32,
+    /// The vertex that goes.
+    pub removed: u32,
+    /// Where the merged vertex goes, in model units, as stored.
+    pub position: [f32; 3],
+    /// Where on the segment from `kept` (0) to `removed` (1) that is, by orthogonal projection.
+    pub t: f32,
+    /// Distance from the original that the metric expects, in model units.
+    pub error: f64,
+    /// Faces around `kept` before.
+    pub kept_ring: &'a [RingFace],
+    /// Faces around `removed` before.
+    pub removed_ring: &'a [RingFace],
+}
+
+impl Collapse<'_> {
+    /// Whether a face around one end is at the other end, too, and vanishes.
+    #[inline]
+    pub fn kills(&self, face: &RingFace) -> bool {
+        let both = [self.kept, self.removed];
+        both.contains(&face.x) || both.contains(&face.y)
+    }
+}
+
+impl Limits {
+    /// Whether a collapse passes all tests; counts the first that it fails.
+    pub fn allow(
+        &self,
+        mesh: &CollapseMesh,
+        collapse: &Collapse<'_>,
+        marks: &mut Marks,
+        refused: &mut Refusals,
+    ) -> bool {
+        let counter = if self.min_normal_cos.is_some_and(|cos| folds_over(mesh, collapse, cos)) {
+            &mut refused.fold_over
+        } else if self.preserve_topology && !keeps_topology(collapse, marks) {
+            &mut refused.topology
+        } else if self.valence.is_some_and(|range| leaves_valence(mesh, collapse, marks, range)) {
+            &mut refused.valence
+        } else if self.min_quality.is_some_and(|least| spoils_triangles(mesh, collapse, least)) {
+            &mut refused.quality
+        } else {
+            return true;
+        };
+        *counter += 1;
+        false
+    }
+}
+
+/// The link condition (Dey et al. 1999; seed 001, 2.3.3): the links of the two ends meet in the link of the edge and
+/// nowhere else. Borders are closed by an imaginary vertex, as in the seed.
+fn keeps_topology(collapse: &Collapse<'_>, marks: &mut Marks) -> bool {
+    /// Bits of a mark: in the link of the kept vertex, opposite to the edge, in the link of the removed vertex.
+    const KEPT: u32 = 1;
+    const APEX: u32 = 2;
+    const REMOVED: u32 = 4;
+    marks.clear();
+    let dying = collapse.kept_ring.iter().filter(|face| collapse.kills(face)).count();
+    if dying == 0 {
+        return true; // a pair to be joined: that is meant to change the topology
+    }
+    if dying > 2 || dying == collapse.kept_ring.len() || dying == collapse.removed_ring.len() {
+        // an edge of many faces, or nothing would be left at one of the ends
+        return false;
+    }
+    for face in collapse.kept_ring {
+        let apex = if collapse.kills(face) { APEX } else { 0 };
+        for v in [face.x, face.y] {
+            let before = marks.get(v).unwrap_or(0);
+            marks.set(v, before | KEPT | apex);
+        }
+    }
+    for face in collapse.removed_ring {
+        for v in [face.x, face.y].into_iter().filter(|&v| v != collapse.kept) {
+            let before = marks.get(v).unwrap_or(0);
+            if before & KEPT != 0 && before & APEX == 0 {
+                return false; // a common neighbour that no face joins to the edge
+            }
+            marks.set(v, before | REMOVED);
+        }
+    }
+    // an edge between two apexes with a face to either end: the two faces would fall together
+    let apexes = |v: u32| v != collapse.kept && v != collapse.removed && marks.get(v).is_some_and(|m| m & APEX != 0);
+    let joins_apexes = |face: &&RingFace| !collapse.kills(face) && apexes(face.x) && apexes(face.y);
+    if collapse.kept_ring.iter().any(|face| joins_apexes(&face))
+        && collapse.removed_ring.iter().any(|face| joins_apexes(&face))
+    {
+        return false;
+    }
+    // two border vertices may only merge along the border: else it is pinched
+    dying == 1 || !(is_on_border(collapse.kept_ring) && is_on_border(collapse.removed_ring))
+}
+
+/// Whether some edge around a vertex has an odd number of faces: the exclusive or of (well mixed) edge numbers, each
+/// taken once per face, cancels where all are even.
+fn is_on_border(ring: &[RingFace]) -> bool {
+    let mixed = |edge: u32| (u64::from(edge) + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    ring.iter().fold(0, |all, face| all ^ mixed(face.edge_x) ^ mixed(face.edge_y)) != 0
+}
+
+fn folds_over(mesh: &CollapseMesh, collapse: &Collapse<'_>, min_cos: f64) -> bool {
+    let target = mesh.frame().enter(collapse.position);
+    [(collapse.kept, collapse.kept_ring), (collapse.removed, collapse.removed_ring)].into_iter().any(|(v, ring)| {
+        let p = mesh.point(v);
+        ring.iter().filter(|face| !collapse.kills(face)).any(|face| {
+            let (x, y) = (mesh.point(face.x), mesh.point(face.y));
+            let before = (x - p).cross(y - p);
+            let after = (x - target).cross(y - target);
+            // a face without area has no normal: before, there is none to keep; after, that is no good
+            let lengths = (before.length_squared() * after.length_squared()).sqrt();
+            before != DVec3::ZERO && before.dot(after) <= min_cos * lengths
+        })
+    })
+}
+
+fn leaves_valence(mesh: &CollapseMesh, collapse: &Collapse<'_>, marks: &mut Marks, (low, high): (u32, u32)) -> bool {
+    marks.clear();
+    let mut valence = 0;
+    let mut apexes = Vec::new();
+    for face in collapse.kept_ring.iter().chain(collapse.removed_ring) {
+        for v in [face.x, face.y].into_iter().filter(|&v| v != collapse.kept && v != collapse.removed) {
+            valence += u32::from(marks.set(v, 0).is_none());
+            if collapse.kills(face) && !apexes.contains(&v) {
+                apexes.push(v);
+            }
+        }
+    }
+    // an apex loses one neighbour; it may have had fewer than the range allows already
+    let starved = |&apex: &u32| {
+        let faces = mesh.faces_around(apex).count() as u32;
+        faces > 0 && faces - 1 < low
+    };
+    valence > high || valence < low || apexes.iter().any(starved)
+}
+
+/// `4 sqrt(3) area / (a^2 + b^2 + c^2)`: 1 for an equilateral triangle, 0 for a needle.
+pub fn triangle_quality(a: DVec3, b: DVec3, c: DVec3) -> f64 {
+    let squares = a.distance_squared(b) + b.distance_squared(c) + c.distance_squared(a);
+    if squares > 0.0 { 2.0 * 3.0_f64.sqrt() * (b - a).cross(c - a).length() / squares } else { 0.0 }
+}
+
+fn spoils_triangles(mesh: &CollapseMesh, collapse: &Collapse<'_>, least: f64) -> bool {
+    let target = mesh.frame().enter(collapse.position);
+    let mut before = f64::INFINITY;
+    let mut after = f64::INFINITY;
+    for (v, ring) in [(collapse.kept, collapse.kept_ring), (collapse.removed, collapse.removed_ring)] {
+        for face in ring {
+            let [p, x, y] = [v, face.x, face.y].map(|v| mesh.point(v));
+            before = before.min(triangle_quality(p, x, y));
+            if !collapse.kills(face) {
+                after = after.min(triangle_quality(target, x, y));
+            }
+        }
+    }
+    after < least && after < before
+}

@@ -1,0 +1,155 @@
+//! Quadrics: sums of weighted squared distances to planes.
+
+use glam::DVec3;
+
+/// `Q(p) = p' A p + 2 b' p + c`, the weighted sum of squared distances of p from planes, with the sum of the weights
+/// (Garland and Heckbert 1997; seed 000, 4.1; seed 001, 2.3).
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Quadric {
+    /// A, symmetric: xx, xy, xz, yy, yz, zz.
+    a: [f64; 6],
+    b: [f64; 3],
+    c: f64,
+    /// Sum of the weights of the planes.
+    pub weight: f64,
+}
+
+/// Share of the mean eigenvalue that pulls an optimum towards the start point: what decides along directions in which
+/// the planes decide nothing. See [`Quadric::minimize_near`].
+const PULL: f64 = 1e-5;
+
+impl Quadric {
+    /// Squared distance to the plane through `point` with unit normal `normal`, times `weight`.
+    #[inline]
+    pub fn plane(normal: DVec3, point: DVec3, weight: f64) -> Self {
+        let d = -normal.dot(point);
+        let n = normal * weight;
+        Self {
+            a: [n.x * normal.x, n.x * normal.y, n.x * normal.z, n.y * normal.y, n.y * normal.z, n.z * normal.z],
+            b: [n.x * d, n.y * d, n.z * d],
+            c: weight * d * d,
+            weight,
+        }
+    }
+
+    /// `A p + b`, half the gradient at p.
+    #[inline]
+    fn half_gradient(&self, p: DVec3) -> DVec3 {
+        let [xx, xy, xz, yy, yz, zz] = self.a;
+        DVec3::new(
+            xx * p.x + xy * p.y + xz * p.z + self.b[0],
+            xy * p.x + yy * p.y + yz * p.z + self.b[1],
+            xz * p.x + yz * p.y + zz * p.z + self.b[2],
+        )
+    }
+
+    /// Q(p); rounding may leave it slightly below zero.
+    #[inline]
+    pub fn at(&self, p: DVec3) -> f64 {
+        p.dot(self.half_gradient(p)) + DVec3::from(self.b).dot(p) + self.c
+    }
+
+    /// The point of least Q, as near to `start` as the planes leave open.
+    ///
+    /// Solves `(A + e I)(p - start) = -(A start + b)` with e a 1e-5th of the trace: with three independent directions
+    /// that is the minimum (to 1e-5 of its distance), and where A is singular (all planes parallel, or all through one
+    /// line) the least-squares solution nearest to `start`. `None` when there are no planes.
+    #[inline]
+    pub fn minimize_near(&self, start: DVec3) -> Option<DVec3> {
+        let [xx, xy, xz, yy, yz, zz] = self.a;
+        let trace = xx + yy + zz;
+        if trace <= 0.0 || !trace.is_finite() {
+            return None;
+        }
+        let pull = trace * PULL;
+        let g = self.half_gradient(start);
+        // LDL' of a symmetric positive definite matrix: no pivoting needed
+        let (d0, l10, l20) = (xx + pull, xy, xz);
+        let (r10, r20) = (l10 / d0, l20 / d0);
+        let d1 = yy + pull - r10 * l10;
+        let l21 = yz - r20 * l10;
+        let r21 = l21 / d1;
+        let d2 = zz + pull - r20 * l20 - r21 * l21;
+        let y0 = -g.x;
+        let y1 = -g.y - r10 * y0;
+        let y2 = -g.z - r20 * y0 - r21 * y1;
+        let z = y2 / d2;
+        let y = y1 / d1 - r21 * z;
+        let x = y0 / d0 - r10 * y - r20 * z;
+        Some(start + DVec3::new(x, y, z))
+    }
+
+    /// The point of least Q on the segment from `a` to `b`.
+    pub fn minimize_on_segment(&self, a: DVec3, b: DVec3) -> DVec3 {
+        let along = b - a;
+        let slope = along.dot(self.half_gradient(a));
+        let curvature = along.dot(self.half_gradient(b)) - slope;
+        let t = if curvature > 0.0 { (-slope / curvature).clamp(0.0, 1.0) } else { 0.5 };
+        a + along * t
+    }
+}
+
+impl std::ops::Add for Quadric {
+    type Output = Self;
+    #[inline]
+    fn add(mut self, other: Self) -> Self {
+        self += other;
+        self
+    }
+}
+
+impl std::ops::AddAssign for Quadric {
+    #[inline]
+    fn add_assign(&mut self, other: Self) {
+        for (x, y) in self.a.iter_mut().zip(other.a) {
+            *x += y;
+        }
+        for (x, y) in self.b.iter_mut().zip(other.b) {
+            *x += y;
+        }
+        self.c += other.c;
+        self.weight += other.weight;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn close(a: DVec3, b: DVec3, tolerance: f64) -> bool {
+        (a - b).length() < tolerance
+    }
+
+    #[test]
+    fn three_planes_meet_in_the_minimum() {
+        let corner = DVec3::new(0.3, -0.2, 0.7);
+        let normals = [DVec3::X, DVec3::new(0.6, 0.8, 0.0), DVec3::new(0.0, 0.6, 0.8)];
+        let q = normals.iter().fold(Quadric::default(), |q, &n| q + Quadric::plane(n, corner, 0.5));
+        let p = q.minimize_near(corner + DVec3::splat(0.01)).unwrap();
+        assert!(close(p, corner, 1e-5), "{p}");
+        assert!(q.at(p).abs() < 1e-12 && (q.weight - 1.5).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_distance_is_weighted_and_squared() {
+        let q = Quadric::plane(DVec3::Z, DVec3::new(5.0, 6.0, 1.0), 3.0);
+        assert!((q.at(DVec3::new(-2.0, 9.0, 1.5)) - 3.0 * 0.25).abs() < 1e-12);
+    }
+
+    #[test]
+    fn singular_quadrics_stay_near_the_start() {
+        let one_plane = Quadric::plane(DVec3::Z, DVec3::ZERO, 2.0);
+        assert!(close(one_plane.minimize_near(DVec3::new(0.2, 0.3, 0.1)).unwrap(), DVec3::new(0.2, 0.3, 0.0), 1e-5));
+        let crease = one_plane + Quadric::plane(DVec3::X, DVec3::ZERO, 1.0);
+        assert!(close(crease.minimize_near(DVec3::new(0.2, 0.3, 0.1)).unwrap(), DVec3::new(0.0, 0.3, 0.0), 1e-5));
+        assert_eq!(Quadric::default().minimize_near(DVec3::ONE), None);
+    }
+
+    #[test]
+    fn the_best_point_of_a_segment_is_inside_it() {
+        let q = Quadric::plane(DVec3::X, DVec3::new(0.25, 0.0, 0.0), 1.0);
+        assert!(close(q.minimize_on_segment(DVec3::ZERO, DVec3::X), DVec3::X * 0.25, 1e-12));
+        assert!(close(q.minimize_on_segment(DVec3::X * 2.0, DVec3::X), DVec3::X, 1e-12));
+        assert!(close(q.minimize_on_segment(DVec3::Y, DVec3::Z), (DVec3::Y + DVec3::Z) / 2.0, 1e-12));
+    }
+}

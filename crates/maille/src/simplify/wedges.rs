@@ -1,0 +1,349 @@
+//! Wedges and attributes through collapses (seed 000, 4.1.2 and 4.2.3; Hoppe 1996).
+
+use super::driver::Observer;
+use super::legality::Collapse;
+use super::options::{NormalPolicy, SimplifyOptions};
+use crate::mesh::{Attribute, Mesh, Semantic, Values};
+use crate::topology::CollapseMesh;
+use crate::topology::collapse_mesh::RingFace;
+
+/// The attributes of a mesh under simplification.
+///
+/// A vanishing face brings its wedge at the one end and its wedge at the other together: these become one, and with
+/// them all wedges that hang on the same continuity. What no vanishing face joins stays apart:
+///
+/// ```text
+///        x                    x            C0 = C1 and C2 = C3: smooth from the left
+///      / | \                  |            face to the right one, so after the collapse
+///    C0 C1  C2 C3    =>    C0 | C3         C0 and C3 are one wedge; otherwise the edge
+///     a-----b                 v            from v to x becomes a seam
+/// ```
+#[derive(Debug)]
+pub struct WedgeMerger<'a> {
+    /// Triangles over wedges; `None` when each vertex has one wedge, of its own number.
+    triangles: Option<Vec<[u32; 3]>>,
+    wedge_attributes: Vec<Attribute>,
+    vertex_attributes: Vec<Attribute>,
+    morphs: Vec<Vec<Attribute>>,
+    /// Wedges whose normals are to be computed anew at the end; empty when none ever are.
+    stale_normals: Vec<bool>,
+    options: &'a SimplifyOptions,
+    scratch: Groups,
+}
+
+/// Which wedges become one: a small union-find over the wedges of the vanishing faces.
+#[derive(Debug, Default)]
+struct Groups {
+    /// (wedge of the kept vertex, wedge of the removed vertex) of each vanishing face.
+    pairs: Vec<(u32, u32)>,
+    /// All wedges of the pairs, sorted.
+    wedges: Vec<u32>,
+    /// For each of `wedges`, the place of one that it is equal to, nearer to the root.
+    parent: Vec<u32>,
+}
+
+impl Groups {
+    fn find(&self, mut i: u32) -> u32 {
+        while self.parent[i as usize] != i {
+            i = self.parent[i as usize];
+        }
+        i
+    }
+
+    fn place(&self, wedge: u32) -> Option<u32> {
+        self.wedges.binary_search(&wedge).ok().map(|i| i as u32)
+    }
+
+    /// The wedge that stands for the group of a wedge: the lowest.
+    fn representative(&self, wedge: u32) -> Option<u32> {
+        self.place(wedge).map(|i| self.wedges[self.find(i) as usize])
+    }
+
+    fn join(&mut self) {
+        self.wedges.clear();
+        self.wedges.extend(self.pairs.iter().flat_map(|&(a, b)| [a, b]));
+        self.wedges.sort_unstable();
+        self.wedges.dedup();
+        self.parent.clear();
+        self.parent.extend(0..self.wedges.len() as u32);
+        for &(a, b) in &self.pairs {
+            let root = |wedge| self.find(self.place(wedge).expect("all wedges of the pairs are listed"));
+            let (a, b) = (root(a), root(b));
+            self.parent[a.max(b) as usize] = a.min(b);
+        }
+    }
+}
+
+impl<'a> WedgeMerger<'a> {
+    /// Takes over the attributes of a mesh.
+    pub fn new(mesh: &Mesh, options: &'a SimplifyOptions) -> Self {
+        let plain = mesh.wedge_vertices.iter().enumerate().all(|(w, &v)| w == v as usize);
+        let recompute = options.normals == NormalPolicy::Recompute && mesh.wedge_attribute(&Semantic::Normal).is_some();
+        Self {
+            triangles: (!plain).then(|| mesh.triangles.clone()),
+            wedge_attributes: mesh.wedge_attributes.clone(),
+            vertex_attributes: mesh.vertex_attributes.clone(),
+            morphs: mesh.morph_targets.iter().map(|target| target.attributes.clone()).collect(),
+            stale_normals: vec![false; if recompute { mesh.wedge_count() } else { 0 }],
+            options,
+            scratch: Groups::default(),
+        }
+    }
+
+    /// Writes what is left into the mesh: faces, positions, wedges, attributes, all compacted in their old order.
+    pub fn finish(mut self, faces: CollapseMesh, mesh: &mut Mesh) {
+        let live: Vec<u32> = (0..faces.face_count() as u32).filter(|&f| faces.face(f as usize).is_some()).collect();
+        let mut wedge_vertices = vec![u32::MAX; mesh.wedge_count()];
+        let mut triangles = Vec::with_capacity(live.len());
+        for &f in &live {
+            let vertices = faces.face(f as usize).expect("only live faces are listed");
+            let wedges = self.triangles.as_ref().map_or(vertices, |triangles| triangles[f as usize]);
+            for (w, v) in wedges.into_iter().zip(vertices) {
+                wedge_vertices[w as usize] = v;
+            }
+            triangles.push(wedges);
+        }
+        if !self.stale_normals.is_empty() {
+            self.recompute_normals(&faces, &live);
+        }
+        mesh.gather_triangles(&live);
+        mesh.triangles = triangles;
+        mesh.positions = faces.into_positions();
+        mesh.wedge_vertices = wedge_vertices;
+        mesh.wedge_attributes = self.wedge_attributes;
+        mesh.vertex_attributes = self.vertex_attributes;
+        for (target, attributes) in mesh.morph_targets.iter_mut().zip(self.morphs) {
+            target.attributes = attributes;
+        }
+        compact(mesh);
+    }
+
+    /// Angle-weighted means of the faces that share each wedge that took part in a collapse.
+    fn recompute_normals(&mut self, faces: &CollapseMesh, live: &[u32]) {
+        let mut sums = vec![glam::DVec3::ZERO; self.stale_normals.len()];
+        for &f in live {
+            let vertices = faces.face(f as usize).expect("only live faces are listed");
+            let wedges = self.triangles.as_ref().map_or(vertices, |triangles| triangles[f as usize]);
+            let p = vertices.map(|v| faces.point(v));
+            let normal = (p[1] - p[0]).cross(p[2] - p[0]).normalize_or_zero();
+            for k in 0..3 {
+                let (to, from) = (p[(k + 1) % 3] - p[k], p[(k + 2) % 3] - p[k]);
+                if normal != glam::DVec3::ZERO {
+                    sums[wedges[k] as usize] += normal * to.angle_between(from);
+                }
+            }
+        }
+        let normals = self.wedge_attributes.iter_mut().find(|a| a.semantic == Semantic::Normal);
+        let Some(values) = normals.and_then(Attribute::as_f32_mut) else { return };
+        for (w, sum) in sums.iter().enumerate().filter(|&(w, _)| self.stale_normals[w]) {
+            if let Some(normal) = sum.try_normalize() {
+                values[3 * w..3 * w + 3].copy_from_slice(&normal.as_vec3().to_array());
+            }
+        }
+    }
+
+    fn merge_groups(&mut self, collapse: &Collapse<'_>) {
+        let Some(triangles) = &mut self.triangles else { return };
+        let groups = &mut self.scratch;
+        groups.pairs.clear();
+        for face in collapse.kept_ring.iter().filter(|face| collapse.kills(face)) {
+            let other = if face.x == collapse.removed { face.corner + 1 } else { face.corner + 2 } % 3;
+            let wedges = triangles[face.face as usize];
+            groups.pairs.push((wedges[face.corner as usize], wedges[other as usize]));
+        }
+        groups.join();
+        let rename = |face: &RingFace, triangles: &mut Vec<[u32; 3]>| {
+            let wedge = &mut triangles[face.face as usize][face.corner as usize];
+            if let Some(representative) = groups.representative(*wedge) {
+                *wedge = representative;
+            }
+        };
+        for face in collapse.kept_ring.iter().chain(collapse.removed_ring).filter(|face| !collapse.kills(face)) {
+            rename(face, triangles);
+        }
+    }
+}
+
+impl Observer for WedgeMerger<'_> {
+    fn on_collapse(&mut self, _: &CollapseMesh, collapse: &Collapse<'_>) {
+        let t = collapse.t;
+        for attribute in &mut self.vertex_attributes {
+            blend(attribute, [collapse.kept, collapse.removed], collapse.kept, t);
+        }
+        if self.wedge_attributes.is_empty() && self.triangles.is_none() {
+            return;
+        }
+        self.merge_groups(collapse);
+        let plain = [(collapse.kept, collapse.removed)];
+        let pairs = if self.triangles.is_some() { &self.scratch.pairs } else { &plain[..] };
+        // one pair of each group gives its values; the others would give the same up to the seam that ends here
+        let mut done = 0_u32; // the first pairs, as bits: there are hardly ever more than two
+        for (i, &(a, b)) in pairs.iter().enumerate() {
+            let into = if self.triangles.is_some() {
+                self.scratch.representative(a).expect("wedges of pairs have groups")
+            } else {
+                a
+            };
+            let same = |j: usize| self.triangles.is_some() && self.scratch.representative(pairs[j].0) == Some(into);
+            if (0..i.min(32)).any(|j| done >> j & 1 == 1 && same(j)) {
+                continue;
+            }
+            done |= 1_u32.checked_shl(i as u32).unwrap_or(0);
+            blend_all(&mut self.wedge_attributes, [a, b], into, t, self.options.max_influences);
+            for target in &mut self.morphs {
+                for attribute in target {
+                    blend_deltas(attribute, [a, b], into, t);
+                }
+            }
+            if let Some(stale) = self.stale_normals.get_mut(into as usize) {
+                *stale = true;
+            }
+        }
+        for face in collapse.kept_ring.iter().chain(collapse.removed_ring) {
+            if self.stale_normals.is_empty() {
+                break;
+            }
+            let wedges = self.triangles.as_ref().map(|triangles| triangles[face.face as usize]);
+            for w in wedges.unwrap_or([collapse.kept, face.x, face.y]) {
+                self.stale_normals[w as usize] = true;
+            }
+        }
+    }
+}
+
+/// Drops vertices and wedges that no triangle uses; the rest keeps its order.
+fn compact(mesh: &mut Mesh) {
+    let mut used_wedges = vec![false; mesh.wedge_vertices.len()];
+    for &w in mesh.triangles.iter().flatten() {
+        used_wedges[w as usize] = true;
+    }
+    let mut used_vertices = vec![false; mesh.positions.len()];
+    for (w, _) in used_wedges.iter().enumerate().filter(|(_, used)| **used) {
+        used_vertices[mesh.wedge_vertices[w] as usize] = true;
+    }
+    let (wedges, wedge_names) = kept(&used_wedges);
+    let (vertices, vertex_names) = kept(&used_vertices);
+    mesh.gather_wedges(&wedges);
+    mesh.gather_vertices(&vertices);
+    for w in mesh.triangles.iter_mut().flatten() {
+        *w = wedge_names[*w as usize];
+    }
+    for v in &mut mesh.wedge_vertices {
+        *v = vertex_names[*v as usize];
+    }
+}
+
+/// The indices of what is used, and the new index of each.
+fn kept(used: &[bool]) -> (Vec<u32>, Vec<u32>) {
+    let mut indices = Vec::new();
+    let names = used.iter().enumerate().map(|(i, &used)| {
+        if used {
+            indices.push(i as u32);
+        }
+        indices.len() as u32 - u32::from(used)
+    });
+    let names = names.collect();
+    (indices, names)
+}
+
+/// Blends all attributes of wedges a (t = 0) and b (t = 1) into a wedge.
+fn blend_all(attributes: &mut [Attribute], ends: [u32; 2], into: u32, t: f32, max_influences: Option<u32>) {
+    let mut skinned = false;
+    for attribute in attributes.iter_mut() {
+        match attribute.semantic {
+            Semantic::Joints(_) | Semantic::Weights(_) => skinned = true,
+            _ => blend(attribute, ends, into, t),
+        }
+    }
+    if skinned {
+        blend_skin(attributes, ends, into, t, max_influences);
+    }
+}
+
+fn blend(attribute: &mut Attribute, ends: [u32; 2], into: u32, t: f32) {
+    blend_deltas(attribute, ends, into, t);
+    let n = attribute.components;
+    let unit = match attribute.semantic {
+        Semantic::Normal | Semantic::Tangent if n >= 3 && ends[0] != ends[1] => 3,
+        _ => return,
+    };
+    let sign_from = ends[usize::from(t > 0.5)] as usize * n;
+    let Some(values) = attribute.as_f32_mut() else { return };
+    let sign = (n == 4).then(|| values[sign_from + 3]);
+    let place = into as usize * n;
+    let v = &mut values[place..place + unit];
+    let direction = glam::Vec3::new(v[0], v[1], v[2]).try_normalize();
+    if let Some(direction) = direction.filter(|_| t > 0.0 && t < 1.0) {
+        v.copy_from_slice(&direction.to_array());
+    }
+    if let Some(sign) = sign {
+        values[place + 3] = if sign < 0.0 { -1.0 } else { 1.0 };
+    }
+}
+
+fn blend_deltas(attribute: &mut Attribute, [a, b]: [u32; 2], into: u32, t: f32) {
+    let n = attribute.components;
+    let (a, b, into) = (a as usize * n, b as usize * n, into as usize * n);
+    match &mut attribute.values {
+        Values::F32(values) => {
+            for k in 0..n {
+                // exact at both ends, so that a wedge that stays keeps its bits
+                values[into + k] = match t {
+                    0.0 => values[a + k],
+                    1.0 => values[b + k],
+                    _ => (1.0 - t) * values[a + k] + t * values[b + k],
+                };
+            }
+        }
+        Values::U32(values) => {
+            let from = if t <= 0.5 { a } else { b };
+            values.copy_within(from..from + n, into);
+        }
+    }
+}
+
+/// Joints and weights over all sets: the weights of both ends are blended joint by joint, the largest kept, and the sum
+/// made 1.
+fn blend_skin(attributes: &mut [Attribute], [a, b]: [u32; 2], into: u32, t: f32, max_influences: Option<u32>) {
+    let mut influences: Vec<(u32, f32)> = Vec::new();
+    let mut slots = 0;
+    let sets = || (0..).map(|set| [Semantic::Joints(set), Semantic::Weights(set)]);
+    let place = |attributes: &[Attribute], semantic: &Semantic| attributes.iter().position(|x| x.semantic == *semantic);
+    for [joints, weights] in sets() {
+        let (Some(j), Some(w)) = (place(attributes, &joints), place(attributes, &weights)) else { break };
+        let (Some(joints), Some(weights)) = (attributes[j].as_u32(), attributes[w].as_f32()) else { break };
+        slots += 4;
+        for (end, share) in [(a, 1.0 - t), (b, t)] {
+            for k in end as usize * 4..end as usize * 4 + 4 {
+                let (joint, weight) = (joints[k], weights[k] * share);
+                if weight > 0.0 {
+                    match influences.iter_mut().find(|(known, _)| *known == joint) {
+                        Some((_, sum)) => *sum += weight,
+                        None => influences.push((joint, weight)),
+                    }
+                }
+            }
+        }
+    }
+    influences.sort_by(|x, y| y.1.total_cmp(&x.1).then(x.0.cmp(&y.0)));
+    influences.truncate(max_influences.map_or(slots, |most| slots.min(most as usize)));
+    let total: f32 = influences.iter().map(|(_, weight)| weight).sum();
+    if total <= 0.0 {
+        return;
+    }
+    influences.resize(slots, (0, 0.0));
+    for (set, four) in influences.chunks(4).enumerate() {
+        let at = into as usize * 4;
+        for (k, &(joint, weight)) in four.iter().enumerate() {
+            for attribute in attributes.iter_mut() {
+                match (&attribute.semantic, &mut attribute.values) {
+                    (Semantic::Joints(n), Values::U32(values)) if *n as usize == set => values[at + k] = joint,
+                    (Semantic::Weights(n), Values::F32(values)) if *n as usize == set => {
+                        values[at + k] = weight / total;
+                    }
+                    _ => {}
+                }
+            }
+        }
+    }
+}
