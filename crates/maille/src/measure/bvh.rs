@@ -99,7 +99,8 @@ impl<'m> Bvh<'m> {
         Self { positions: &mesh.positions, nodes, slots: items.par_iter().map(slot).collect(), frame }
     }
 
-    /// The point of the surface nearest to `p`, `None` if the mesh has no triangles. For many points, see [`Searcher`].
+    /// The point of the surface nearest to `p`, `None` if the mesh has no triangles or `p` is not finite. For
+    /// many points, see [`Searcher`].
     pub fn closest(&self, p: DVec3) -> Option<ClosestPoint> {
         self.searcher().closest(p)
     }
@@ -154,9 +155,9 @@ struct Pending {
 }
 
 impl Searcher<'_> {
-    /// The point of the surface nearest to `p`, `None` if the mesh has no triangles.
+    /// The point of the surface nearest to `p`, `None` if the mesh has no triangles or `p` is not finite.
     pub fn closest(&mut self, p: DVec3) -> Option<ClosestPoint> {
-        if self.bvh.slots.is_empty() {
+        if self.bvh.slots.is_empty() || !p.is_finite() {
             return None;
         }
         let query = Query::new(p, &self.bvh.frame);
@@ -617,6 +618,7 @@ mod tests {
         let bvh = Bvh::new(&mesh);
         assert!(bvh.triangles_in_space_order().len() < 12);
         assert!(bvh.closest(DVec3::splat(2.0)).is_some_and(|found| found.distance_sq.is_finite()));
+        assert!(bvh.closest(DVec3::new(0.0, f64::NAN, 0.0)).is_none());
         assert!(Bvh::new(&Mesh::default()).closest(DVec3::ZERO).is_none());
     }
 

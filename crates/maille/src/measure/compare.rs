@@ -217,7 +217,8 @@ pub fn compare(a: &Mesh, b: &Mesh, options: &CompareOptions, control: Control<'_
     })
 }
 
-/// Distance of every vertex of `a` from the surface of `b`, in model units; of vertices that no triangle uses, too.
+/// Distance of every vertex of `a` from the surface of `b`, in model units; of vertices that no triangle uses, too (NaN if
+/// such a one is not finite).
 ///
 /// # Errors
 /// As [`compare`].
@@ -230,7 +231,9 @@ pub fn distances_at_vertices(a: &Mesh, b: &Mesh, control: Control<'_>) -> Result
     let chunks = map_chunks(count, |range| {
         let work = range.len();
         let mut searcher = bvh.searcher();
-        let distance = |v: usize| nearest(&mut searcher, position(a, v as u32)).distance_sq.sqrt() as f32;
+        let distance = |v: usize| {
+            searcher.closest(position(a, v as u32)).map_or(f32::NAN, |found| found.distance_sq.sqrt() as f32)
+        };
         watch.run(work, count, || range.map(distance).collect::<Vec<f32>>())
     });
     let chunks = chunks.into_iter().collect::<Result<Vec<_>, Cancelled>>()?;
@@ -256,7 +259,7 @@ fn position(mesh: &Mesh, vertex: u32) -> DVec3 {
 }
 
 fn nearest(searcher: &mut Searcher<'_>, p: DVec3) -> ClosestPoint {
-    searcher.closest(p).expect("the mesh has triangles, all of them finite: checked before")
+    searcher.closest(p).expect("the mesh has triangles, and all points are finite: checked before")
 }
 
 /// Tells of the progress of work done on many threads, and of the wish to stop it.
@@ -279,9 +282,10 @@ impl<'c> Watch<'c> {
         }
         let result = work();
         let done = self.done.fetch_add(size, Ordering::Relaxed) + size;
-        // one thread at a time; whoever finds another one reporting has nothing newer to say
-        if let Ok(_turn) = self.turn.try_lock() {
-            self.control.report(self.stage, done as f32 / total as f32);
+        // one thread at a time; others do not wait for their turn but for the last one
+        let turn = if done == total { self.turn.lock().ok() } else { self.turn.try_lock().ok() };
+        if turn.is_some() {
+            self.control.report(self.stage, self.done.load(Ordering::Relaxed) as f32 / total as f32);
         }
         Ok(result)
     }
@@ -305,7 +309,7 @@ impl<'m> Surface<'m> {
     /// Distance of this surface from another one.
     fn deviation_from(&self, to: &Self, options: &CompareOptions, watch: &Watch<'_>) -> Result<Deviation, Cancelled> {
         let vertices = self.vertices_in_space_order();
-        let edges = if options.edges { Some(EdgePoints::new(self, options.samples)) } else { None };
+        let edges = options.edges.then(|| EdgePoints::new(self, options.samples));
         let samples = usize::try_from(options.samples).unwrap_or(usize::MAX);
         let total = samples + vertices.len() + edges.as_ref().map_or(0, |edges| edges.order.len());
         let sampler = SurfaceSampler::new(self.mesh, self.bvh.triangles_in_space_order(), options.seed);
@@ -482,5 +486,241 @@ impl Tally {
             samples: self.points,
             extra_points: extra.points,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes;
+    use proptest::prelude::*;
+    use std::sync::atomic::AtomicBool;
+
+    fn options(samples: u64) -> CompareOptions {
+        CompareOptions { samples, ..CompareOptions::default() }
+    }
+
+    fn run(a: &Mesh, b: &Mesh, samples: u64) -> Comparison {
+        compare(a, b, &options(samples), Control::default()).expect("both meshes are sound")
+    }
+
+    fn moved(mut mesh: Mesh, place: impl Fn(DVec3) -> DVec3) -> Mesh {
+        for p in &mut mesh.positions {
+            *p = place(glam::Vec3::from(*p).as_dvec3()).as_vec3().into();
+        }
+        mesh
+    }
+
+    fn turned(mut mesh: Mesh) -> Mesh {
+        mesh.triangles.iter_mut().for_each(|t| t.swap(0, 1));
+        mesh
+    }
+
+    fn assert_near(found: f64, expected: f64, tolerance: f64) {
+        assert!((found - expected).abs() <= tolerance, "{found} is not {expected}");
+    }
+
+    #[test]
+    fn a_mesh_is_nowhere_away_from_itself() {
+        for mesh in [shapes::sphere(4), shapes::torus(3.0, 1.0, 40, 20), shapes::cube(), shapes::grid(9)] {
+            let result = compare(&mesh, &mesh, &CompareOptions { edges: true, ..options(20_000) }, Control::default());
+            let result = result.expect("the mesh is sound");
+            assert!(result.max() < 1e-14 * result.diagonal, "{}", result.max());
+            assert_eq!(result.normal_deg(), 0.0);
+            assert_eq!((result.a, result.forward), (result.b, result.backward));
+        }
+    }
+
+    #[test]
+    fn parallel_squares() {
+        let square = shapes::grid(5);
+        let above = moved(shapes::grid(3), |p| p + DVec3::new(0.0, 0.0, 0.25));
+        let result = run(&square, &above, 5000);
+        for found in [result.mean(), result.rms(), result.max()] {
+            assert_near(found, 0.25, 1e-15);
+        }
+        assert_eq!((result.normal_deg(), result.forward.normal.flipped_share), (0.0, 0.0));
+        assert_near(result.relative(result.max()), 0.25 / 2f64.sqrt(), 1e-7);
+        let result = run(&square, &turned(above), 5000);
+        assert_near(result.normal_deg(), 180.0, 1e-9);
+        assert_eq!(result.backward.normal.flipped_share, 1.0);
+    }
+
+    #[test]
+    fn a_part_is_near_the_whole_but_not_the_whole_near_the_part() {
+        let whole = moved(shapes::grid(8), |p| p * DVec3::new(3.0, 1.0, 1.0));
+        let part = shapes::grid(2);
+        let result = run(&whole, &part, 30_000);
+        assert_eq!(result.backward.max, 0.0);
+        // a third is covered; beyond it the distance grows evenly up to 2
+        assert_near(result.forward.mean, 2.0 / 3.0, 1e-4);
+        assert_near(result.forward.rms, (8.0f64 / 9.0).sqrt(), 1e-4);
+        assert_eq!(result.forward.max, 2.0);
+        assert_eq!((result.forward.max_from[0], result.forward.max_to[0]), (3.0, 1.0));
+    }
+
+    #[test]
+    fn cube_moved_by_half_its_side() {
+        // of the six faces: one is 1 away, four are 1 - t away up to their middle, one is 1 - max(|y|, |z|) away
+        let result = run(&shapes::cube(), &moved(shapes::cube(), |p| p + DVec3::X), 100_000);
+        for side in [result.forward, result.backward] {
+            assert_near(side.mean, 7.0 / 18.0, 1e-4);
+            assert_near(side.rms, (11.0f64 / 36.0).sqrt(), 1e-4);
+            assert_near(side.max, 1.0, 1e-15);
+        }
+    }
+
+    #[test]
+    fn concentric_spheres() {
+        let (inner, outer) = (shapes::sphere(5), moved(shapes::sphere(5), |p| p * 1.25));
+        let result = run(&inner, &outer, 20_000);
+        // a sphere of triangles is between its inscribed and its circumscribed sphere
+        for side in [result.forward, result.backward] {
+            assert!(side.mean < 0.25 && side.mean > 0.2495 && side.rms >= side.mean && side.max <= 0.25 + 1e-7);
+        }
+        assert_near(result.b.area / result.a.area, 1.25f64.powi(2), 1e-6);
+        assert_near(result.b.volume / result.a.volume, 1.25f64.powi(3), 1e-6);
+    }
+
+    #[test]
+    fn swapping_swaps_the_directions() {
+        let (a, b) = (shapes::sphere(4), shapes::sphere(2));
+        let (there, back) = (run(&a, &b, 5000), run(&b, &a, 5000));
+        assert_eq!((there.forward, there.backward, there.a), (back.backward, back.forward, back.b));
+        assert_eq!((there.mean(), there.rms(), there.max()), (back.mean(), back.rms(), back.max()));
+    }
+
+    #[test]
+    fn scale_and_place_do_not_matter() {
+        let (a, b) = (shapes::torus(3.0, 1.0, 60, 30), shapes::torus(3.0, 1.0, 20, 10));
+        let plain = run(&a, &b, 20_000);
+        let scaled = |scale: f64| run(&moved(a.clone(), |p| p * scale), &moved(b.clone(), |p| p * scale), 20_000);
+        for scale in [(-60f64).exp2(), 60f64.exp2()] {
+            let result = scaled(scale);
+            assert_eq!((result.mean(), result.rms()), (plain.mean() * scale, plain.rms() * scale));
+            assert_eq!((result.max(), result.forward.normal), (plain.max() * scale, plain.forward.normal));
+        }
+        // other factors round the positions, which may move the samples
+        for scale in [1e-30, 1e-9, 1e9, 1e30] {
+            let result = scaled(scale);
+            assert_near(result.rms() / scale / plain.rms(), 1.0, 1e-2);
+            assert_near(result.max() / scale / plain.max(), 1.0, 1e-2);
+            assert_near(result.normal_deg() / plain.normal_deg(), 1.0, 1e-2);
+        }
+        // far from the origin the positions themselves are rounded, here to a 1/4096
+        let place = |p: DVec3| p + DVec3::new(2048.0, -2048.0, 0.0);
+        let result = run(&moved(a, place), &moved(b, place), 20_000);
+        assert_near(result.rms() / plain.rms(), 1.0, 1e-2);
+    }
+
+    #[test]
+    fn seeds_agree() {
+        let (a, b) = (shapes::torus(3.0, 1.0, 60, 30), shapes::torus(3.0, 1.0, 23, 11));
+        let rms = |seed| {
+            let options = CompareOptions { seed, ..options(20_000) };
+            compare(&a, &b, &options, Control::default()).expect("both meshes are sound").rms()
+        };
+        assert_ne!(rms(0), rms(1));
+        assert_near(rms(0) / rms(1), 1.0, 1e-3);
+    }
+
+    #[test]
+    fn threads_do_not_change_a_bit() {
+        let (a, b) = (shapes::torus(3.0, 1.0, 200, 100), shapes::torus(3.0, 1.0, 90, 30));
+        let options = CompareOptions { edges: true, ..options(50_000) };
+        let with = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads can be had");
+            pool.install(|| compare(&a, &b, &options, Control::default()).expect("both meshes are sound"))
+        };
+        assert_eq!(with(1), with(2));
+    }
+
+    #[test]
+    fn edges_find_a_maximum_that_vertices_miss() {
+        // a square against the same one folded down along its middle line: the upper one's middle is farthest
+        let points = |z: f32| {
+            vec![[0.0, 0.0, 0.0], [1.0, 0.0, z], [2.0, 0.0, 0.0], [2.0, 1.0, 0.0], [1.0, 1.0, z], [0.0, 1.0, 0.0]]
+        };
+        let folded = Mesh::from_triangles(points(-1.0), vec![[0, 1, 4], [0, 4, 5], [1, 2, 3], [1, 3, 4]]);
+        let flat = Mesh::from_triangles(points(0.0), vec![[0, 2, 3], [0, 3, 5]]);
+        let (folded, flat) = (folded.expect("indices are in range"), flat.expect("indices are in range"));
+        let max = |edges| {
+            let options = CompareOptions { edges, ..options(1) };
+            let result = compare(&flat, &folded, &options, Control::default()).expect("both meshes are sound");
+            (result.forward.max, result.forward.extra_points)
+        };
+        assert_eq!(max(false).1, 4);
+        assert!(max(true).0 > max(false).0 && max(true).1 >= 10);
+        assert!(max(true).0 <= 0.5f64.sqrt());
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn any_soup_can_be_measured(
+            positions in prop::collection::vec(prop::array::uniform3(-2i8..=2), 1..20),
+            corners in prop::collection::vec(prop::array::uniform3(any::<u32>()), 1..40),
+        ) {
+            let count = positions.len() as u32;
+            let positions = positions.into_iter().map(|p| p.map(f32::from)).collect();
+            let triangles = corners.into_iter().map(|t| t.map(|c| c % count)).collect();
+            let mesh = Mesh::from_triangles(positions, triangles).expect("indices are taken modulo");
+            let options = CompareOptions { edges: true, ..options(100) };
+            let result = compare(&mesh, &shapes::sphere(1), &options, Control::default()).expect("nothing is refused");
+            for side in [result.forward, result.backward] {
+                // equal distances: the root of their mean square may be a rounding off
+                prop_assert!(side.mean.is_finite() && side.mean <= side.rms * (1.0 + 1e-12));
+                prop_assert!(side.rms <= side.max * (1.0 + 1e-12));
+                prop_assert!((0.0..180.0 + 1e-9).contains(&side.normal.mean_deg));
+            }
+            let itself = compare(&mesh, &mesh, &options, Control::default()).expect("nothing is refused");
+            prop_assert!(itself.max() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_compared_is_refused() {
+        let cube = shapes::cube();
+        let error = |a: &Mesh, b: &Mesh| compare(a, b, &options(10), Control::default()).expect_err("refused");
+        assert_eq!(error(&cube, &Mesh::default()), CompareError::Empty { side: Side::B });
+        let mut broken = shapes::cube();
+        broken.positions[5][1] = f32::INFINITY;
+        assert!(matches!(error(&broken, &cube), CompareError::NotFinite { side: Side::A, vertex: 5, .. }));
+        assert!(error(&broken, &cube).to_string().starts_with("the first mesh has a position that is not finite"));
+        let mut out_of_range = shapes::cube();
+        out_of_range.triangles[0][0] = 99;
+        assert!(matches!(error(&cube, &out_of_range), CompareError::Mesh { side: Side::B, .. }));
+        let none = compare(&cube, &cube, &options(0), Control::default());
+        assert!(matches!(none, Err(CompareError::InvalidOption { name: "samples", .. })));
+    }
+
+    #[test]
+    fn positions_that_no_triangle_uses_do_not_matter() {
+        let mut cube = shapes::cube();
+        cube.positions.push([f32::NAN; 3]);
+        cube.positions.push([100.0; 3]);
+        let result = run(&cube, &shapes::cube(), 100);
+        assert_near(result.diagonal, 12f64.sqrt(), 1e-12);
+        assert_eq!((result.max(), result.forward.extra_points), (0.0, 8));
+        let distances = distances_at_vertices(&cube, &shapes::cube(), Control::default()).expect("the mesh is sound");
+        assert!(distances[..8].iter().all(|&d| d == 0.0) && distances[8].is_nan());
+        assert_near(f64::from(distances[9]), 99.0 * 3f64.sqrt(), 1e-4);
+    }
+
+    #[test]
+    fn progress_reaches_the_end_and_cancelling_stops() {
+        let seen = Mutex::new(Vec::new());
+        let note = |stage: &str, done: f32| seen.lock().expect("no panic while noting").push((stage.to_owned(), done));
+        let stop = AtomicBool::new(false);
+        let (a, b) = (shapes::sphere(3), shapes::sphere(2));
+        compare(&a, &b, &options(30_000), Control::new(Some(&note), Some(&stop))).expect("both meshes are sound");
+        let seen = std::mem::take(&mut *seen.lock().expect("no panic while noting"));
+        for stage in ["preparing", "measuring from A to B", "measuring from B to A"] {
+            let shares: Vec<f32> = seen.iter().filter(|(s, _)| s == stage).map(|&(_, done)| done).collect();
+            assert!(shares.is_sorted() && shares.last() == Some(&1.0), "{stage}: {shares:?}");
+        }
+        stop.store(true, Ordering::Relaxed);
+        let result = compare(&a, &b, &options(30_000), Control::new(None, Some(&stop)));
+        assert_eq!(result, Err(CompareError::Cancelled(Cancelled)));
     }
 }
