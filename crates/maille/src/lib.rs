@@ -10,6 +10,7 @@
 pub mod control;
 pub mod measure;
 pub mod mesh;
+pub mod repair;
 pub mod samples;
 pub mod simplify;
 pub mod topology;

@@ -96,6 +96,14 @@ pub enum MeshError {
         /// How many.
         count: usize,
     },
+    /// A position or an attribute is infinite or not a number.
+    #[error("element {element} of '{attribute}' is not finite")]
+    NotFinite {
+        /// Its name.
+        attribute: String,
+        /// Which vertex, wedge or triangle.
+        element: usize,
+    },
 }
 
 impl Mesh {
@@ -208,6 +216,56 @@ impl Mesh {
         Ok(())
     }
 
+    /// Tests that all positions, attributes and morph targets are finite.
+    ///
+    /// # Errors
+    /// [`MeshError::NotFinite`] with the first that is not.
+    pub fn check_finite(&self) -> Result<(), MeshError> {
+        let fault = |attribute: String, element| Err(MeshError::NotFinite { attribute, element });
+        if let Some(vertex) = self.positions.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
+            return fault(Semantic::Position.to_string(), vertex);
+        }
+        let morphs = self.morph_targets.iter().flat_map(|target| &target.attributes);
+        let groups = self.vertex_attributes.iter().chain(&self.wedge_attributes).chain(&self.triangle_attributes);
+        for attribute in groups.chain(morphs) {
+            if let Some(at) = attribute.as_f32().and_then(|values| values.iter().position(|x| !x.is_finite())) {
+                return fault(attribute.semantic.to_string(), at / attribute.components);
+            }
+        }
+        Ok(())
+    }
+
+    /// Keeps the triangles that `keep` wants, in their order, and returns how many went.
+    pub(crate) fn retain_triangles(&mut self, keep: impl Fn(u32) -> bool) -> usize {
+        let (kept, dropped) = survivors(self.triangle_count(), keep);
+        if dropped > 0 {
+            self.gather_triangles(&kept);
+        }
+        dropped
+    }
+
+    /// Keeps the wedges that `keep` wants, in their order, and returns how many went; no triangle may refer to those.
+    pub(crate) fn retain_wedges(&mut self, keep: impl Fn(u32) -> bool) -> usize {
+        let (kept, dropped) = survivors(self.wedge_count(), keep);
+        if dropped > 0 {
+            let renumber = renumbering(self.wedge_count(), &kept);
+            self.gather_wedges(&kept);
+            self.triangles.as_flattened_mut().iter_mut().for_each(|wedge| *wedge = renumber[*wedge as usize]);
+        }
+        dropped
+    }
+
+    /// Keeps the vertices that `keep` wants, in their order, and returns how many went; no wedge may refer to those.
+    pub(crate) fn retain_vertices(&mut self, keep: impl Fn(u32) -> bool) -> usize {
+        let (kept, dropped) = survivors(self.vertex_count(), keep);
+        if dropped > 0 {
+            let renumber = renumbering(self.vertex_count(), &kept);
+            self.gather_vertices(&kept);
+            self.wedge_vertices.iter_mut().for_each(|vertex| *vertex = renumber[*vertex as usize]);
+        }
+        dropped
+    }
+
     /// Keeps only the wedges named by `source`, in that order; triangles are not touched.
     pub(crate) fn gather_wedges(&mut self, source: &[u32]) {
         self.wedge_vertices = source.iter().map(|&w| self.wedge_vertices[w as usize]).collect();
@@ -235,6 +293,20 @@ impl Mesh {
             attribute.gather(source);
         }
     }
+}
+
+/// The elements to keep, and how many go.
+fn survivors(count: usize, keep: impl Fn(u32) -> bool) -> (Vec<u32>, usize) {
+    let kept: Vec<u32> = (0..count as u32).filter(|&i| keep(i)).collect();
+    let dropped = count - kept.len();
+    (kept, dropped)
+}
+
+/// New index of each kept element; what is not kept has none that anyone may ask for.
+fn renumbering(count: usize, kept: &[u32]) -> Vec<u32> {
+    let mut renumber = vec![u32::MAX; count];
+    kept.iter().zip(0..).for_each(|(&old, new)| renumber[old as usize] = new);
+    renumber
 }
 
 fn check_length(attribute: &str, found: usize, expected: usize) -> Result<(), MeshError> {

@@ -46,7 +46,7 @@ impl Mesh {
     /// With a tolerance, merging is transitive: a chain of vertices, each within the tolerance of the next, becomes one
     /// vertex. The lowest index of a group survives with its position and vertex attributes, so the result does not
     /// depend on anything but the input; survivors keep their order. Triangles keep their number and order: those that
-    /// collapse are left for a repair. Vertices that are not finite merge only if their bits are equal.
+    /// collapse are left for [`repair`](crate::repair). Vertices that are not finite merge only if their bits are equal.
     /// A tolerance below 2^-30 of the largest extent is too fine for `f32` and merges equal positions only.
     ///
     /// Wedges within a tolerance merge greedily: each into the first of the last 64 kept ones of its vertex that

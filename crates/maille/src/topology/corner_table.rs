@@ -53,7 +53,7 @@ pub struct CornerTable {
     /// Vertex and first corner of all other fans, sorted.
     extra_fans: Vec<(u32, u32)>,
     /// The two half-edges of each edge whose faces disagree in winding.
-    pub(super) inconsistent: Vec<[u32; 2]>,
+    inconsistent: Vec<[u32; 2]>,
     report: TopologyReport,
 }
 
@@ -403,6 +403,16 @@ impl CornerTable {
         let from = self.extra_fans.partition_point(|&(v, _)| v < vertex.0);
         let extra = self.extra_fans[from..].iter().take_while(move |&&(v, _)| v == vertex.0);
         self.corner(vertex).into_iter().chain(extra.map(|&(_, c)| CornerId(c))).map(|start| Fan { table: self, start })
+    }
+
+    /// The fan that starts at a corner.
+    pub(crate) fn fan_from(&self, start: CornerId) -> Fan<'_> {
+        Fan { table: self, start }
+    }
+
+    /// The two half-edges of each edge whose faces disagree in winding.
+    pub(crate) fn inconsistent_edges(&self) -> &[[u32; 2]] {
+        &self.inconsistent
     }
 
     /// The vertices that share an edge with a vertex, each once if the surface is manifold there. Otherwise one at the

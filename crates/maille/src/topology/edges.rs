@@ -7,7 +7,7 @@ pub(crate) fn next(c: u32) -> u32 {
 
 /// Corner before `c` in its face.
 pub(crate) fn prev(c: u32) -> u32 {
-    if c % 3 == 0 { c + 2 } else { c - 1 }
+    if c.is_multiple_of(3) { c + 2 } else { c - 1 }
 }
 
 /// Whether a face names a vertex twice. Such a face has no edges worth the name and takes part in nothing.

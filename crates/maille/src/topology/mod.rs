@@ -12,7 +12,7 @@
 
 pub mod collapse_mesh;
 mod corner_table;
-mod edges;
+pub(crate) mod edges;
 mod ids;
 mod surface;
 mod union_find;

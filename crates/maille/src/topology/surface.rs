@@ -1,5 +1,6 @@
 //! What a surface is as a whole: boundary loops, components, genus, orientability; and closing its holes.
 
+use super::edges::deal;
 use super::{CornerId, CornerTable, FaceId, UnionFind, VertexId};
 
 const NONE: u32 = u32::MAX;
@@ -201,7 +202,7 @@ impl CornerTable {
 
     /// Whether the faces can be wound so that all agree at every edge of two faces. Linear.
     pub fn is_orientable(&self) -> bool {
-        self.inconsistent.is_empty() || self.orientation().orientable.iter().all(|&yes| yes)
+        self.inconsistent_edges().is_empty() || self.orientation().orientable.iter().all(|&yes| yes)
     }
 
     /// Whether every edge has exactly two faces.
@@ -214,12 +215,9 @@ impl CornerTable {
     pub(crate) fn orientation(&self) -> Orientation {
         let components = self.components();
         let count = components.list.len();
-        let mut neighbours = vec![Vec::new(); count];
-        for &[a, b] in &self.inconsistent {
-            let [a, b] = [a, b].map(|c| components.of_face[c as usize / 3]);
-            neighbours[a as usize].push(b);
-            neighbours[b as usize].push(a);
-        }
+        let ends = |edge: &[u32; 2]| edge.map(|h| components.of_face[h as usize / 3]);
+        let pairs = || self.inconsistent_edges().iter().map(ends).flat_map(|[a, b]| [(a, b), (b, a)]);
+        let (starts, neighbours) = deal(count, pairs, |b| b);
         let mut surface = vec![NONE; count];
         let mut turned = vec![false; count];
         let mut orientable = Vec::new();
@@ -233,7 +231,7 @@ impl CornerTable {
             surface[first] = number;
             stack.push(first);
             while let Some(a) = stack.pop() {
-                for &b in &neighbours[a] {
+                for &b in &neighbours[starts[a] as usize..starts[a + 1] as usize] {
                     let b = b as usize;
                     if surface[b] == NONE {
                         (surface[b], turned[b]) = (number, !turned[a]);
