@@ -1,5 +1,7 @@
 //! What a file holds: meshes, where they stand, and everything else, kept for writing it back.
 
+use std::sync::Arc;
+
 use glam::{DMat4, DVec3, Vec3};
 use maille::{Mesh, Semantic};
 
@@ -29,15 +31,17 @@ pub struct NamedMesh {
     pub mesh: Mesh,
 }
 
-/// One appearance of a mesh.
-#[derive(Debug, Clone)]
+/// One appearance of a mesh; by default of the first one, where it stands.
+#[derive(Debug, Clone, Default)]
 pub struct Instance {
     /// Index into [`Asset::meshes`].
     pub mesh: usize,
     /// From the mesh's space to the world's, at rest. Not used when there is a skin.
     pub transform: DMat4,
     /// With a skin: the matrix of each joint at rest (world matrix times inverse bind matrix).
-    pub joint_matrices: Option<Vec<DMat4>>,
+    pub joint_matrices: Option<Arc<[DMat4]>>,
+    /// How far each morph target of the mesh is on at rest; what is missing is off.
+    pub morph_weights: Vec<f32>,
 }
 
 /// What is not mesh, by the format it came from.
@@ -46,6 +50,8 @@ pub(crate) enum Source {
     /// Made in code, or a format that holds nothing but meshes.
     #[default]
     None,
+    /// A glTF, shared by the clones of an asset.
+    Gltf(Arc<crate::gltf::Document>),
 }
 
 impl Asset {
@@ -53,7 +59,7 @@ impl Asset {
     pub fn from_mesh(name: &str, mesh: Mesh) -> Self {
         Self {
             meshes: vec![NamedMesh { name: name.to_owned(), mesh }],
-            instances: vec![Instance { mesh: 0, transform: DMat4::IDENTITY, joint_matrices: None }],
+            instances: vec![Instance::default()],
             ..Self::default()
         }
     }
@@ -63,7 +69,7 @@ impl Asset {
         self.meshes.iter().map(|m| m.mesh.triangle_count()).sum()
     }
 
-    /// Everything that is drawn, as one mesh of positions in world space, posed at rest (skins applied).
+    /// Everything that is drawn, as one mesh of positions in world space, posed at rest (morphs and skins applied).
     ///
     /// Meant for measuring: attributes are left out, vertices of different instances are not joined.
     pub fn merged_positions(&self) -> Mesh {
@@ -83,8 +89,26 @@ impl Asset {
 impl Instance {
     /// World position of each wedge of the mesh, at rest.
     fn posed_wedges(&self, mesh: &Mesh) -> Vec<DVec3> {
-        let local = |wedge: usize| Vec3::from(mesh.positions[mesh.wedge_vertices[wedge] as usize]).as_dvec3();
-        (0..mesh.wedge_count()).map(|w| self.wedge_matrix(mesh, w).transform_point3(local(w))).collect()
+        (0..mesh.wedge_count()).map(|wedge| self.posed_wedge(mesh, wedge)).collect()
+    }
+
+    /// World position of a wedge, at rest: morphed, then skinned or moved.
+    pub(crate) fn posed_wedge(&self, mesh: &Mesh, wedge: usize) -> DVec3 {
+        let mut point = Vec3::from(mesh.positions[mesh.wedge_vertices[wedge] as usize]).as_dvec3();
+        for (target, &weight) in
+            mesh.morph_targets.iter().zip(&self.morph_weights).filter(|&(_, &weight)| weight != 0.0)
+        {
+            let deltas = target.attributes.iter().find(|a| a.semantic == Semantic::Position).and_then(|a| a.as_f32());
+            if let Some(deltas) = deltas {
+                point += Vec3::from_slice(&deltas[3 * wedge..]).as_dvec3() * f64::from(weight);
+            }
+        }
+        self.wedge_matrix(mesh, wedge).transform_point3(point)
+    }
+
+    /// Whether the mesh is drawn as it is, only moved: no skin and no morph target deforms it.
+    pub(crate) fn is_rigid(&self) -> bool {
+        self.joint_matrices.is_none() && self.morph_weights.iter().all(|&weight| weight == 0.0)
     }
 
     /// From the mesh's space to the world's for one wedge, at rest: with a skin, the mean of its joints by weight.

@@ -14,11 +14,9 @@ use crate::{Asset, Instance, NamedMesh};
 pub(crate) fn flattened(asset: &Asset) -> Cow<'_, Mesh> {
     match &asset.instances[..] {
         [] if asset.meshes.len() == 1 => Cow::Borrowed(&asset.meshes[0].mesh),
-        [only] if only.transform == DMat4::IDENTITY && only.joint_matrices.is_none() => {
-            Cow::Borrowed(&asset.meshes[only.mesh].mesh)
-        }
+        [only] if only.transform == DMat4::IDENTITY && only.is_rigid() => Cow::Borrowed(&asset.meshes[only.mesh].mesh),
         [] => {
-            let still = |mesh| Instance { mesh, transform: DMat4::IDENTITY, joint_matrices: None };
+            let still = |mesh| Instance { mesh, ..Instance::default() };
             Cow::Owned(merged(asset, &(0..asset.meshes.len()).map(still).collect::<Vec<_>>()))
         }
         instances => Cow::Owned(merged(asset, instances)),
@@ -48,16 +46,14 @@ fn append_geometry(out: &mut Mesh, mesh: &Mesh, instance: &Instance) {
     let (first_vertex, first_wedge) = (out.positions.len() as u32, out.wedge_vertices.len() as u32);
     let still = |p: &[f32; 3]| instance.transform.transform_point3(Vec3::from(*p).as_dvec3()).as_vec3().to_array();
     out.positions.extend(mesh.positions.iter().map(still));
-    let skinned = instance.joint_matrices.is_some();
-    if skinned {
+    if !instance.is_rigid() {
         for (wedge, &vertex) in mesh.wedge_vertices.iter().enumerate() {
-            let p = Vec3::from(mesh.positions[vertex as usize]).as_dvec3();
-            let posed = instance.wedge_matrix(mesh, wedge).transform_point3(p);
+            let posed = instance.posed_wedge(mesh, wedge);
             out.positions[(first_vertex + vertex) as usize] = posed.as_vec3().to_array();
         }
     }
     out.wedge_vertices.extend(mesh.wedge_vertices.iter().map(|v| first_vertex + v));
-    let mirrored = !skinned && instance.transform.determinant() < 0.0;
+    let mirrored = instance.joint_matrices.is_none() && instance.transform.determinant() < 0.0;
     let facing = |[a, b, c]: [u32; 3]| if mirrored { [a, c, b] } else { [a, b, c] };
     out.triangles.extend(mesh.triangles.iter().map(|&t| facing(t).map(|w| first_wedge + w)));
 }
@@ -240,7 +236,7 @@ mod tests {
         let mut plain = shapes::cube();
         plain.triangle_materials = vec![1; 12];
         plain.material_names = vec!["red".into(), "blue".into()];
-        let at = |mesh, transform| Instance { mesh, transform, joint_matrices: None };
+        let at = |mesh, transform| Instance { mesh, transform, ..Instance::default() };
         let asset = Asset {
             meshes: [mesh, plain].map(|mesh| NamedMesh { name: String::new(), mesh }).into(),
             instances: vec![

@@ -1,14 +1,172 @@
 //! glTF 2.0 and GLB.
+//!
+//! The JSON of a file is kept as it is, together with its buffers ([`Document`]); meshes are decoded from it, and on
+//! writing only the accessors of meshes that have changed are replaced. So everything that is not mesh (materials,
+//! textures, skins, animations, extensions that nobody has heard of) comes out as it went in.
+//!
+//! The way in: [`container`] (GLB, URIs) → [`meshopt`] and [`draco`] (what is compressed becomes plain) →
+//! [`accessor`] → [`primitive`] (meshes) and [`scene`] (where they stand). The way out: [`compose`] (which parts to
+//! replace) → [`encode`] (values to bytes) → [`package`] (one buffer, one file or several). [`fresh`] makes documents
+//! for meshes that come from elsewhere.
 
-use std::path::Path;
+mod accessor;
+mod container;
+mod draco;
+mod json;
+mod meshopt;
+mod primitive;
+mod scene;
 
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde_json::Value;
+
+use crate::asset::Source;
 use crate::output::Output;
-use crate::{Asset, ReadError, ReadOptions, WriteError, WriteOptions};
+use crate::{Asset, NamedMesh, ReadError, ReadOptions, WriteError, WriteOptions};
+use json::{Checked, Fault, Within, index, list, required_index, text};
+
+/// Extensions that Maille understands, or that do not touch the geometry.
+const KNOWN: [&str; 7] = [
+    "EXT_mesh_gpu_instancing",
+    "EXT_meshopt_compression",
+    "KHR_meshopt_compression",
+    "KHR_draco_mesh_compression",
+    "KHR_mesh_quantization",
+    "KHR_lights_punctual",
+    "MSFT_lod",
+];
+const KNOWN_FAMILIES: [&str; 4] = ["KHR_materials_", "KHR_texture_", "KHR_animation_", "EXT_texture_"];
+
+/// A glTF whose compressed parts have been made plain: the JSON, and what its buffers hold.
+#[derive(Debug)]
+pub(crate) struct Document {
+    json: Value,
+    buffers: Vec<Vec<u8>>,
+    views: Vec<View>,
+    /// Where relative URIs start from.
+    folder: Option<PathBuf>,
+}
+
+/// A range of a buffer, checked to lie within it.
+#[derive(Debug, Clone, Copy)]
+struct View {
+    buffer: usize,
+    start: usize,
+    end: usize,
+    stride: Option<usize>,
+}
+
+impl Document {
+    /// Takes a JSON and the content of its buffers, and checks what everything else relies on.
+    fn new(json: Value, buffers: Vec<Vec<u8>>, folder: Option<&Path>) -> Checked<Self> {
+        for key in ["accessors", "meshes", "nodes", "scenes", "skins", "animations", "images", "materials"] {
+            list(&json, key)?;
+        }
+        let views = list(&json, "bufferViews")?.iter().enumerate();
+        let views = views.map(|(i, view)| View::new(view, &buffers).within_item("bufferViews", i));
+        let views = views.collect::<Checked<_>>()?;
+        Ok(Self { json, buffers, views, folder: folder.map(Path::to_owned) })
+    }
+
+    /// A top-level array, empty when absent; [`new`](Self::new) has checked that it is one.
+    fn list(&self, key: &str) -> &[Value] {
+        self.json.get(key).and_then(Value::as_array).map_or(&[], Vec::as_slice)
+    }
+
+    /// The bytes of a buffer view and its stride.
+    fn view(&self, number: usize) -> Checked<(&[u8], Option<usize>)> {
+        let missing = || Fault::new(format!("buffer view {number} does not exist; there are {}", self.views.len()));
+        let view = self.views.get(number).ok_or_else(missing)?;
+        Ok((&self.buffers[view.buffer][view.start..view.end], view.stride))
+    }
+
+    /// Bytes in all buffers.
+    fn byte_count(&self) -> usize {
+        self.buffers.iter().map(Vec::len).sum()
+    }
+}
+
+impl View {
+    fn new(json: &Value, buffers: &[Vec<u8>]) -> Checked<Self> {
+        let buffer = required_index(json, "buffer")?;
+        let bytes = buffers.get(buffer).ok_or_else(|| Fault::new(format!("buffer {buffer} does not exist")))?;
+        let (start, length) = (index(json, "byteOffset")?.unwrap_or(0), required_index(json, "byteLength")?);
+        let end = start.checked_add(length).filter(|&end| end <= bytes.len());
+        let end = end.ok_or_else(|| {
+            Fault::new(format!("{length} bytes from {start} reach beyond buffer {buffer}, which has {}", bytes.len()))
+        })?;
+        let stride = index(json, "byteStride")?;
+        if stride == Some(0) {
+            return Err(Fault::new("a stride of 0")).within("byteStride");
+        }
+        Ok(Self { buffer, start, end, stride })
+    }
+}
+
+/// What decoding may still spend.
+struct Budget {
+    left: u64,
+}
+
+impl Budget {
+    /// No honest file holds a thousand times what it weighs, so that a small one cannot ask for all there is.
+    fn new(file_bytes: usize, options: &ReadOptions) -> Self {
+        Self { left: options.max_bytes.min((256 << 20) + 1000 * file_bytes as u64) }
+    }
+
+    fn spend(&mut self, bytes: u64) -> Checked<()> {
+        self.left = self.left.checked_sub(bytes).ok_or_else(|| {
+            Fault::new("the arrays of the file take more memory than allowed")
+                .with_remedy("raise the limit of the reader")
+        })?;
+        Ok(())
+    }
+}
 
 /// Reads glTF JSON or GLB (told apart by the first bytes). `base` is the folder that relative URIs start from; without
 /// one only embedded buffers can be read.
-pub(crate) fn read(_bytes: &[u8], _base: Option<&Path>, _options: &ReadOptions) -> Result<Asset, ReadError> {
-    Err(ReadError::new("glTF cannot be read yet"))
+///
+/// Each glTF mesh becomes one [`NamedMesh`]: all its triangle primitives together, the material slot of a triangle
+/// being the index of its primitive. A wedge is a glTF vertex that some triangle uses; vertices are found by joining
+/// equal positions. Points and lines stay in the private part.
+pub(crate) fn read(bytes: &[u8], base: Option<&Path>, options: &ReadOptions) -> Result<Asset, ReadError> {
+    Ok(read_document(bytes, base, options)?)
+}
+
+fn read_document(bytes: &[u8], base: Option<&Path>, options: &ReadOptions) -> Checked<Asset> {
+    let mut warnings = Vec::new();
+    let (mut json, binary) = container::open(bytes, &mut warnings)?;
+    warn_of_unknown(&json, &mut warnings);
+    let mut buffers = container::load_buffers(&json, binary, base)?;
+    let size = bytes.len() + buffers.iter().map(Vec::len).sum::<usize>();
+    let mut budget = Budget::new(size, options);
+    meshopt::decompress(&mut json, &mut buffers, &mut budget)?;
+    draco::decompress(&mut json, &mut buffers, &mut budget)?;
+    asset_of(Document::new(json, buffers, base)?, &mut budget, warnings)
+}
+
+/// Decodes the meshes of a document and finds where they stand.
+fn asset_of(document: Document, budget: &mut Budget, mut warnings: Vec<String>) -> Checked<Asset> {
+    let mut meshes = Vec::new();
+    for (i, json) in document.list("meshes").iter().enumerate() {
+        let (mesh, odd) = primitive::read_mesh(&document, json, budget).within_item("meshes", i)?;
+        warnings.extend(odd.into_iter().map(|odd| format!("meshes[{i}].{odd}")));
+        meshes.push(NamedMesh { name: text(json, "name").to_owned(), mesh });
+    }
+    let instances = scene::instances(&document, budget)?;
+    Ok(Asset { meshes, instances, warnings, source: Source::Gltf(Arc::new(document)) })
+}
+
+fn warn_of_unknown(json: &Value, warnings: &mut Vec<String>) {
+    let required = json.get("extensionsRequired").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    for name in required.iter().filter_map(Value::as_str) {
+        if !KNOWN.contains(&name) && !KNOWN_FAMILIES.iter().any(|family| name.starts_with(family)) {
+            warnings
+                .push(format!("the file requires the extension {name}, which is passed on without being understood"));
+        }
+    }
 }
 
 /// Writes glTF JSON with its buffers beside it, or one GLB.
