@@ -52,6 +52,8 @@ pub(crate) enum Source {
     None,
     /// A glTF, shared by the clones of an asset.
     Gltf(Arc<crate::gltf::Document>),
+    /// PLY.
+    Ply(Box<crate::ply::PlySource>),
 }
 
 impl Asset {

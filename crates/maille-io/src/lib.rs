@@ -19,6 +19,7 @@ mod settle;
 mod stl;
 mod text;
 mod triangulate;
+mod wedges;
 
 pub use asset::{Asset, Instance, NamedMesh};
 pub use error::{Place, ReadError, WriteError};

@@ -142,6 +142,15 @@ pub(crate) fn parse_int<T: std::str::FromStr>(word: &[u8]) -> Option<T> {
     std::str::from_utf8(word).ok()?.parse().ok()
 }
 
+/// Appends the shortest digits that give the same number when read back.
+pub(crate) fn push_number<T: Into<f64> + Copy + std::fmt::Display + std::fmt::LowerExp>(out: &mut Vec<u8>, value: T) {
+    use std::io::Write;
+    let size = value.into().abs();
+    let plain = size == 0.0 || (1e-5..1e16).contains(&size);
+    let written = if plain { write!(out, "{value}") } else { write!(out, "{value:e}") };
+    written.expect("writing into memory does not fail");
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
