@@ -15,6 +15,7 @@ mod obj;
 mod off;
 mod output;
 mod ply;
+mod process;
 mod settle;
 mod stl;
 mod text;
@@ -24,6 +25,7 @@ mod wedges;
 pub use asset::{Asset, Instance, NamedMesh};
 pub use error::{Place, ReadError, WriteError};
 pub use format::Format;
+pub use process::{AssetOptions, AssetReport, ProcessError, find_attribute, simplify_asset};
 
 use std::path::Path;
 

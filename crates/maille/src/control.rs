@@ -31,6 +31,15 @@ impl<'a> Control<'a> {
         Self { progress, cancel }
     }
 
+    /// The same way to stop, but progress goes to `progress`.
+    #[must_use]
+    pub fn with_progress<'b>(&self, progress: &'b (dyn Fn(&str, f32) + Sync)) -> Control<'b>
+    where
+        'a: 'b,
+    {
+        Control { progress: Some(progress), cancel: self.cancel }
+    }
+
     /// Tells that a share (0 to 1) of a stage is done.
     pub fn report(&self, stage: &str, done: f32) {
         if let Some(progress) = self.progress {

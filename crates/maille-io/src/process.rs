@@ -1,0 +1,428 @@
+//! Work on whole assets.
+
+use std::sync::Mutex;
+
+use glam::{DMat3, DMat4};
+use maille::simplify::{Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, simplify};
+use maille::{Attribute, Control, Mesh, Semantic};
+use rayon::prelude::*;
+
+use crate::Asset;
+
+/// Fewest triangles that sharing out a total leaves to a mesh, so that none disappears: a tetrahedron.
+const FEWEST: usize = 4;
+/// How often what a mesh could not give is asked of the others.
+const ROUNDS: usize = 4;
+/// Factor on the cost of collapses where an importance colour is white; where it is black, the factor is 1.
+const WHITE_IMPORTANCE: f32 = 100.0;
+
+/// How to simplify an [`Asset`].
+#[derive(Debug, Clone, Default)]
+pub struct AssetOptions {
+    /// How to simplify each mesh. Here the target is one of the whole asset: the number of triangles is that of all
+    /// distinct meshes together, the largest error is a distance in world units. `locked` and `importance` must be
+    /// empty: they are per vertex, name attributes instead.
+    pub simplify: SimplifyOptions,
+    /// Attribute of importance, by the name the file gives it ([`find_attribute`]): its first component is a factor on
+    /// the cost of collapses; of a colour, the brightness from black (1) to white (100).
+    pub importance: Option<String>,
+    /// Attribute whose vertices stay where its first component is above one half.
+    pub lock: Option<String>,
+}
+
+/// What simplifying an [`Asset`] did.
+#[derive(Debug, Clone)]
+pub struct AssetReport {
+    /// The report of each distinct mesh, in the order of [`Asset::meshes`]; errors are in units of the mesh.
+    pub meshes: Vec<SimplifyReport>,
+    /// Triangles of all distinct meshes before.
+    pub triangles_in: usize,
+    /// Triangles of all distinct meshes after.
+    pub triangles_out: usize,
+    /// Edge collapses done.
+    pub collapses: u64,
+    /// Largest error of a collapse by the metric's estimate, in world units.
+    pub error: f64,
+    /// Why the work stopped: the reason of the mesh that was furthest from the target.
+    pub stopped: Stop,
+    /// What the constraints refused.
+    pub refused: Refusals,
+}
+
+/// Why an asset could not be simplified.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ProcessError {
+    /// A mesh could not be simplified.
+    #[error("mesh {index}{}: {error}", quoted(name))]
+    Mesh {
+        /// Index into [`Asset::meshes`].
+        index: usize,
+        /// Its name, may be empty.
+        name: String,
+        /// What was wrong.
+        error: SimplifyError,
+    },
+    /// No mesh has an attribute of that name.
+    #[error("no mesh has a float attribute '{name}'; there are: {known}")]
+    NoAttribute {
+        /// What was asked for.
+        name: String,
+        /// The attributes there are.
+        known: String,
+    },
+    /// The asset holds no triangles.
+    #[error("there are no triangles to simplify")]
+    NoTriangles,
+}
+
+fn quoted(name: &str) -> String {
+    if name.is_empty() { String::new() } else { format!(" ('{name}')") }
+}
+
+/// Simplifies every distinct mesh of an asset once, in parallel, to a common target.
+///
+/// A number of triangles is shared out over the meshes in proportion to theirs; what one cannot give up (its
+/// constraints forbid it) is asked of the others. The result does not depend on the number of threads.
+///
+/// # Errors
+/// [`ProcessError`]; some meshes may be simplified already then, so the asset is not to be used further.
+pub fn simplify_asset(
+    asset: &mut Asset,
+    options: &AssetOptions,
+    control: Control<'_>,
+) -> Result<AssetReport, ProcessError> {
+    let before: Vec<usize> = asset.meshes.iter().map(|m| m.mesh.triangle_count()).collect();
+    if before.iter().sum::<usize>() == 0 {
+        return Err(ProcessError::NoTriangles);
+    }
+    for name in options.importance.iter().chain(&options.lock) {
+        require_attribute(asset, name)?;
+    }
+    let scales = world_scales(asset);
+    let total = options.simplify.target.triangles;
+    let targets = total.map_or_else(|| before.clone(), |total| share_out(total, &before));
+    let mut jobs: Vec<Job> = (asset.meshes.iter_mut().zip(targets).zip(&scales).enumerate())
+        .filter(|(_, ((named, _), _))| named.mesh.triangle_count() > 0)
+        .map(|(index, ((named, target), &scale))| Job {
+            index,
+            name: &named.name,
+            mesh: &mut named.mesh,
+            target,
+            scale,
+            report: None,
+        })
+        .collect();
+    run(&mut jobs, options, control)?;
+    if let Some(total) = total {
+        settle(&mut jobs, total, options, control)?;
+    }
+    Ok(summary(jobs, &before, total))
+}
+
+/// The float attribute of a mesh that a name means, of wedges or vertices: the name that the mesh itself uses
+/// (`color 0`, `quality`) or that of glTF (`COLOR_0`, `_IMPORTANCE`), whatever the case.
+pub fn find_attribute<'a>(mesh: &'a Mesh, name: &str) -> Option<&'a Attribute> {
+    let attributes = mesh.wedge_attributes.iter().chain(&mesh.vertex_attributes);
+    attributes.filter(|a| a.as_f32().is_some()).find(|a| {
+        let own = a.semantic.to_string();
+        own.eq_ignore_ascii_case(name) || gltf_name(&a.semantic).is_some_and(|gltf| gltf.eq_ignore_ascii_case(name))
+    })
+}
+
+fn gltf_name(semantic: &Semantic) -> Option<String> {
+    match semantic {
+        Semantic::Color(n) => Some(format!("COLOR_{n}")),
+        Semantic::TexCoord(n) => Some(format!("TEXCOORD_{n}")),
+        Semantic::Weights(n) => Some(format!("WEIGHTS_{n}")),
+        _ => None,
+    }
+}
+
+fn require_attribute(asset: &Asset, name: &str) -> Result<(), ProcessError> {
+    let meshes = || asset.meshes.iter().map(|m| &m.mesh);
+    if meshes().any(|mesh| find_attribute(mesh, name).is_some()) {
+        return Ok(());
+    }
+    let floats = meshes().flat_map(|m| m.wedge_attributes.iter().chain(&m.vertex_attributes));
+    let mut known: Vec<String> = floats.filter(|a| a.as_f32().is_some()).map(|a| a.semantic.to_string()).collect();
+    known.sort();
+    known.dedup();
+    let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+    Err(ProcessError::NoAttribute { name: name.to_owned(), known })
+}
+
+/// How much each mesh is enlarged at most where it is drawn; 1 for a mesh that is not drawn.
+fn world_scales(asset: &Asset) -> Vec<f64> {
+    let mut scales = vec![0.0_f64; asset.meshes.len()];
+    for instance in &asset.instances {
+        let matrices = instance.joint_matrices.as_deref().filter(|joints| !joints.is_empty());
+        let own = std::slice::from_ref(&instance.transform);
+        let scale = matrices.unwrap_or(own).iter().map(largest_stretch).fold(0.0, f64::max);
+        scales[instance.mesh] = scales[instance.mesh].max(scale);
+    }
+    scales.iter().map(|&scale| if scale > 0.0 && scale.is_finite() { scale } else { 1.0 }).collect()
+}
+
+/// The largest factor by which a matrix stretches a vector, at most: the Frobenius norm of its linear part over the
+/// square root of 3 is exact for uniform scales; else the longest image of an axis is taken.
+fn largest_stretch(matrix: &DMat4) -> f64 {
+    let linear = DMat3::from_mat4(*matrix);
+    linear.x_axis.length().max(linear.y_axis.length()).max(linear.z_axis.length())
+}
+
+/// Shares `total` out over groups in proportion to their sizes (largest remainders), leaving each at least
+/// [`FEWEST`] of its own, as far as the total allows.
+fn share_out(total: usize, sizes: &[usize]) -> Vec<usize> {
+    let sum: usize = sizes.iter().sum();
+    if total >= sum {
+        return sizes.to_vec();
+    }
+    let exact = |size: usize| total as u128 * size as u128;
+    let mut shares: Vec<usize> = sizes.iter().map(|&size| (exact(size) / sum as u128) as usize).collect();
+    let mut order: Vec<usize> = (0..sizes.len()).collect();
+    order.sort_by_key(|&i| (std::cmp::Reverse(exact(sizes[i]) % sum as u128), i));
+    let rest = total - shares.iter().sum::<usize>();
+    order.iter().take(rest).for_each(|&i| shares[i] += 1);
+    keep_visible(&mut shares, sizes);
+    shares
+}
+
+/// Raises shares below the fewest, at the cost of the largest ones.
+fn keep_visible(shares: &mut [usize], sizes: &[usize]) {
+    let fewest = |i: usize| sizes[i].min(FEWEST);
+    let mut order: Vec<usize> = (0..shares.len()).collect();
+    order.sort_by_key(|&i| (std::cmp::Reverse(shares[i]), i));
+    let mut givers = order.iter();
+    let mut giver = givers.next().copied();
+    for i in 0..shares.len() {
+        while shares[i] < fewest(i) {
+            let Some(from) = giver else { return };
+            let spare = shares[from].saturating_sub(fewest(from).max(1));
+            let moved = spare.min(fewest(i) - shares[i]);
+            shares[from] -= moved;
+            shares[i] += moved;
+            if moved == 0 {
+                giver = givers.next().copied();
+            }
+        }
+    }
+}
+
+struct Job<'a> {
+    index: usize,
+    name: &'a str,
+    mesh: &'a mut Mesh,
+    target: usize,
+    scale: f64,
+    report: Option<SimplifyReport>,
+}
+
+/// Brings every mesh to its target, in parallel.
+fn run(jobs: &mut [Job<'_>], options: &AssetOptions, control: Control<'_>) -> Result<(), ProcessError> {
+    let gathered = Gathered::new(jobs, control);
+    let done: Vec<_> = (jobs.par_iter_mut().enumerate())
+        .map(|(slot, job)| {
+            let report = |_: &str, done: f32| gathered.report(slot, done);
+            let result = job.run(options, control.with_progress(&report));
+            gathered.report(slot, 1.0);
+            result.map_err(|error| ProcessError::Mesh { index: job.index, name: job.name.to_owned(), error })
+        })
+        .collect();
+    // the first error by index, whichever thread met one first
+    done.into_iter().collect()
+}
+
+/// Asks what some meshes could not give up of those that reached their target.
+fn settle(
+    jobs: &mut [Job<'_>],
+    total: usize,
+    options: &AssetOptions,
+    control: Control<'_>,
+) -> Result<(), ProcessError> {
+    for _ in 0..ROUNDS {
+        let count = |job: &Job<'_>| job.mesh.triangle_count();
+        let excess = jobs.iter().map(count).sum::<usize>().saturating_sub(total);
+        let mut willing: Vec<&mut Job<'_>> = jobs.iter_mut().filter(|job| job.can_give()).collect();
+        if excess == 0 || willing.is_empty() {
+            break;
+        }
+        let sizes: Vec<usize> = willing.iter().map(|job| job.mesh.triangle_count()).collect();
+        let targets = share_out(sizes.iter().sum::<usize>().saturating_sub(excess), &sizes);
+        let mut asked: Vec<Job<'_>> = (willing.iter_mut().zip(targets))
+            .map(|(job, target)| Job { target, mesh: &mut *job.mesh, report: job.report.take(), ..**job })
+            .collect();
+        run(&mut asked, options, control)?;
+        let reports: Vec<_> = asked.into_iter().map(|job| job.report).collect();
+        willing.into_iter().zip(reports).for_each(|(job, report)| job.report = report);
+    }
+    Ok(())
+}
+
+impl Job<'_> {
+    fn run(&mut self, options: &AssetOptions, control: Control<'_>) -> Result<(), SimplifyError> {
+        let mut own = options.simplify.clone();
+        own.target.triangles = options.simplify.target.triangles.map(|_| self.target);
+        own.target.max_error = options.simplify.target.max_error.map(|error| error / self.scale);
+        own.join_distance = options.simplify.join_distance.map(|distance| distance / self.scale);
+        if let Some(attribute) = options.importance.as_deref().and_then(|name| find_attribute(self.mesh, name)) {
+            own.importance = importance_of(self.mesh, attribute);
+        }
+        if let Some(attribute) = options.lock.as_deref().and_then(|name| find_attribute(self.mesh, name)) {
+            own.locked = per_vertex(self.mesh, attribute, |value| value[0]).iter().map(|&x| x > 0.5).collect();
+        }
+        let report = simplify(self.mesh, &own, control)?;
+        self.report = Some(match self.report.take() {
+            Some(earlier) => joined(&earlier, report),
+            None => report,
+        });
+        Ok(())
+    }
+
+    fn can_give(&self) -> bool {
+        self.mesh.triangle_count() > FEWEST && self.report.as_ref().is_some_and(|r| r.stopped == Stop::Triangles)
+    }
+}
+
+fn importance_of(mesh: &Mesh, attribute: &Attribute) -> Vec<f32> {
+    match attribute.semantic {
+        Semantic::Color(_) => per_vertex(mesh, attribute, |rgb| {
+            let brightness = rgb.iter().take(3).sum::<f32>() / rgb.len().min(3) as f32;
+            1.0 + (WHITE_IMPORTANCE - 1.0) * brightness.clamp(0.0, 1.0)
+        }),
+        _ => per_vertex(mesh, attribute, |value| value[0].max(0.0)),
+    }
+}
+
+/// One number for each vertex: of its own value, or the largest over its wedges.
+fn per_vertex(mesh: &Mesh, attribute: &Attribute, number: impl Fn(&[f32]) -> f32) -> Vec<f32> {
+    let values = attribute.as_f32().expect("find_attribute gives float attributes only");
+    let numbers = values.chunks_exact(attribute.components).map(number);
+    if mesh.vertex_attributes.iter().any(|own| std::ptr::eq(own, attribute)) {
+        return numbers.collect();
+    }
+    let mut largest = vec![f32::NEG_INFINITY; mesh.vertex_count()];
+    for (&vertex, number) in mesh.wedge_vertices.iter().zip(numbers) {
+        let place = &mut largest[vertex as usize];
+        *place = place.max(number);
+    }
+    largest.iter().map(|&x| if x.is_finite() { x } else { 1.0 }).collect()
+}
+
+/// Adds up the progress of meshes that run at the same time, weighted by their triangles.
+struct Gathered<'a> {
+    control: Control<'a>,
+    weights: Vec<f64>,
+    done: Mutex<Vec<f32>>,
+}
+
+impl<'a> Gathered<'a> {
+    fn new(jobs: &[Job<'_>], control: Control<'a>) -> Self {
+        let sizes = || jobs.iter().map(|job| job.mesh.triangle_count() as f64);
+        let sum: f64 = sizes().sum();
+        Self { control, weights: sizes().map(|size| size / sum).collect(), done: Mutex::new(vec![0.0; jobs.len()]) }
+    }
+
+    fn report(&self, slot: usize, done: f32) {
+        let Ok(mut all) = self.done.lock() else { return };
+        all[slot] = all[slot].max(done);
+        let share: f64 = all.iter().zip(&self.weights).map(|(&done, weight)| f64::from(done) * weight).sum();
+        self.control.report("simplifying", share as f32);
+    }
+}
+
+fn joined(earlier: &SimplifyReport, later: SimplifyReport) -> SimplifyReport {
+    SimplifyReport {
+        triangles_in: earlier.triangles_in,
+        collapses: earlier.collapses + later.collapses,
+        error: earlier.error.max(later.error),
+        refused: sum(earlier.refused, later.refused),
+        ..later
+    }
+}
+
+fn sum(a: Refusals, b: Refusals) -> Refusals {
+    Refusals {
+        topology: a.topology + b.topology,
+        fold_over: a.fold_over + b.fold_over,
+        border: a.border + b.border,
+        locked: a.locked + b.locked,
+        valence: a.valence + b.valence,
+        quality: a.quality + b.quality,
+    }
+}
+
+fn summary(jobs: Vec<Job<'_>>, before: &[usize], total: Option<usize>) -> AssetReport {
+    let mut meshes: Vec<SimplifyReport> = before.iter().map(|_| untouched()).collect();
+    let mut error = 0.0_f64;
+    for job in jobs {
+        let report = job.report.expect("every job has run");
+        error = error.max(report.error * job.scale);
+        meshes[job.index] = report;
+    }
+    let triangles_out = meshes.iter().map(|report| report.triangles_out).sum();
+    let others = meshes.iter().filter(|report| report.triangles_in > 0 && report.stopped != Stop::Triangles);
+    let stopped = match total {
+        Some(total) if triangles_out <= total => Stop::Triangles,
+        _ => others.max_by_key(|report| report.triangles_out).map_or(Stop::Triangles, |report| report.stopped),
+    };
+    AssetReport {
+        triangles_in: before.iter().sum(),
+        triangles_out,
+        collapses: meshes.iter().map(|report| report.collapses).sum(),
+        error,
+        stopped,
+        refused: meshes.iter().fold(Refusals::default(), |all, report| sum(all, report.refused)),
+        meshes,
+    }
+}
+
+/// The report of a mesh without triangles.
+fn untouched() -> SimplifyReport {
+    SimplifyReport {
+        triangles_in: 0,
+        triangles_out: 0,
+        collapses: 0,
+        error: 0.0,
+        stopped: Stop::Exhausted,
+        refused: Refusals::default(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn shares_are_proportional_and_leave_small_meshes_visible() {
+        assert_eq!(share_out(100, &[500, 300, 200]), [50, 30, 20]);
+        assert_eq!(share_out(1000, &[10, 20]), [10, 20]);
+        assert_eq!(share_out(100, &[10_000, 12, 2]), [94, 4, 2]);
+        assert_eq!(share_out(0, &[5, 5]), [0, 0]);
+    }
+
+    proptest! {
+        #[test]
+        fn shares_add_up_and_exceed_no_mesh(
+            sizes in prop::collection::vec(0_usize..5000, 1..30), ratio in 0.0..1.0_f64
+        ) {
+            let total = (ratio * sizes.iter().sum::<usize>() as f64) as usize;
+            let shares = share_out(total, &sizes);
+            prop_assert_eq!(shares.iter().sum::<usize>(), total);
+            prop_assert!(shares.iter().zip(&sizes).all(|(share, size)| share <= size));
+        }
+    }
+
+    #[test]
+    fn attributes_are_found_by_their_own_and_by_gltf_names() {
+        let mut mesh = maille::mesh::shapes::cube();
+        mesh.wedge_attributes.push(Attribute::new_f32(Semantic::Color(0), 3, vec![0.5; 24]));
+        mesh.vertex_attributes.push(Attribute::new_f32(Semantic::Custom("quality".into()), 1, vec![2.0; 8]));
+        assert!(find_attribute(&mesh, "COLOR_0").is_some() && find_attribute(&mesh, "Color 0").is_some());
+        let quality = find_attribute(&mesh, "quality").expect("it was added");
+        assert_eq!(importance_of(&mesh, quality), [2.0; 8]);
+        assert!(find_attribute(&mesh, "color").is_none());
+    }
+}
