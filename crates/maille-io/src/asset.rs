@@ -94,8 +94,11 @@ impl Instance {
         (0..mesh.wedge_count()).map(|wedge| self.posed_wedge(mesh, wedge)).collect()
     }
 
-    /// World position of a wedge, at rest: morphed, then skinned or moved.
-    pub(crate) fn posed_wedge(&self, mesh: &Mesh, wedge: usize) -> DVec3 {
+    /// World position of a wedge of the mesh, at rest: morphed, then skinned or moved.
+    ///
+    /// # Panics
+    /// If there is no such wedge.
+    pub fn posed_wedge(&self, mesh: &Mesh, wedge: usize) -> DVec3 {
         let mut point = Vec3::from(mesh.positions[mesh.wedge_vertices[wedge] as usize]).as_dvec3();
         for (target, &weight) in
             mesh.morph_targets.iter().zip(&self.morph_weights).filter(|&(_, &weight)| weight != 0.0)
@@ -114,7 +117,10 @@ impl Instance {
     }
 
     /// From the mesh's space to the world's for one wedge, at rest: with a skin, the mean of its joints by weight.
-    pub(crate) fn wedge_matrix(&self, mesh: &Mesh, wedge: usize) -> DMat4 {
+    ///
+    /// # Panics
+    /// If there is no such wedge.
+    pub fn wedge_matrix(&self, mesh: &Mesh, wedge: usize) -> DMat4 {
         let Some(matrices) = &self.joint_matrices else { return self.transform };
         let (mut sum, mut total) = (DMat4::ZERO, 0.0);
         for set in 0.. {

@@ -273,7 +273,7 @@ impl Job<'_> {
         }
         let report = simplify(self.mesh, &own, control)?;
         self.report = Some(match self.report.take() {
-            Some(earlier) => joined(&earlier, report),
+            Some(earlier) => joined(&earlier, &report),
             None => report,
         });
         Ok(())
@@ -331,13 +331,13 @@ impl<'a> Gathered<'a> {
     }
 }
 
-fn joined(earlier: &SimplifyReport, later: SimplifyReport) -> SimplifyReport {
+fn joined(earlier: &SimplifyReport, later: &SimplifyReport) -> SimplifyReport {
     SimplifyReport {
         triangles_in: earlier.triangles_in,
         collapses: earlier.collapses + later.collapses,
         error: earlier.error.max(later.error),
         refused: sum(earlier.refused, later.refused),
-        ..later
+        ..later.clone()
     }
 }
 

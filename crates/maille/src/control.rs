@@ -33,7 +33,7 @@ impl<'a> Control<'a> {
 
     /// The same way to stop, but progress goes to `progress`.
     #[must_use]
-    pub fn with_progress<'b>(&self, progress: &'b (dyn Fn(&str, f32) + Sync)) -> Control<'b>
+    pub fn with_progress<'b>(&self, progress: Progress<'b>) -> Control<'b>
     where
         'a: 'b,
     {

@@ -1,0 +1,554 @@
+//! The command line: every option, its help and its type, in one place. Help, man pages and completions come from
+//! here. What an option means for the work is decided in [`commands`](crate::commands).
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap_complete::Shell;
+use maille::simplify::{EdgePolicy, MetricKind, NormalPolicy, PlacementKind, QuadricWeight};
+
+const AFTER_HELP: &str = "\
+Exit codes:
+  0  done
+  1  refused: the message on stderr names the file, and nothing is left behind
+  2  wrong usage
+
+Formats, found by content when read and by extension when written:
+  glTF 2.0 (.gltf, .glb), PLY (.ply), Wavefront OBJ (.obj), STL (.stl), OFF (.off)
+
+Begin with:
+  maille demo                                 a report with pictures, in a browser
+  maille simplify model.glb -o small.glb --ratio 10%
+  maille compare model.glb small.glb";
+
+/// Simplifies, converts, compares, repairs and inspects triangle meshes.
+#[derive(Debug, Parser)]
+#[command(name = "maille", version, after_long_help = AFTER_HELP, max_term_width = 110, arg_required_else_help = true)]
+#[command(propagate_version = true, infer_subcommands = false)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    Convert(ConvertArgs),
+    Simplify(Box<SimplifyArgs>),
+    Render(RenderArgs),
+    Completions(CompletionsArgs),
+    Man(ManArgs),
+}
+
+/// What every command that works on files understands.
+#[derive(Debug, Args, Clone, Default)]
+pub(crate) struct Common {
+    /// Threads to use; default: all cores. The result does not depend on it.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024), help_heading = "General")]
+    pub(crate) threads: Option<u16>,
+    /// Prints the results as one JSON object, the last line on stdout.
+    #[arg(long, help_heading = "General")]
+    pub(crate) json: bool,
+    /// No progress bars and no notes on stderr; errors still come.
+    #[arg(long, short, help_heading = "General")]
+    pub(crate) quiet: bool,
+}
+
+/// Tells what a file holds and what is wrong with it.
+///
+/// Meshes, instances, triangles, vertices (positions) and wedges (a vertex with the attributes of one smooth sector),
+/// attributes and their ranges, materials, morph targets, skins, size, area, volume, topology, and every defect that
+/// `maille repair` knows.
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  maille info model.glb\n  maille info scan.ply --json")]
+pub(crate) struct InfoArgs {
+    /// The file to look into.
+    pub(crate) file: PathBuf,
+    #[command(flatten)]
+    pub(crate) common: Common,
+}
+
+/// Writes a file in another format.
+///
+/// What both formats can hold is kept: a GLB written as GLTF keeps its scene, materials, skins and animations. Formats
+/// without a scene get the meshes where they stand, posed at rest.
+#[derive(Debug, Args)]
+#[command(
+    after_long_help = "Examples:\n  maille convert model.obj -o model.glb\n  maille convert scan.ply -o scan.ply --text"
+)]
+pub(crate) struct ConvertArgs {
+    /// The file to read.
+    pub(crate) input: PathBuf,
+    /// The file to write; its extension names the format.
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// Text instead of binary, where the format has both (PLY, STL, OFF).
+    #[arg(long)]
+    pub(crate) text: bool,
+    #[command(flatten)]
+    pub(crate) common: Common,
+}
+
+/// Makes a model in code: no downloads needed.
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  maille sample --list\n  maille sample character -o character.glb\n  \
+    maille sample statue -o statue.ply --triangles 1000000")]
+pub(crate) struct SampleArgs {
+    /// Which model; `--list` tells them all.
+    #[arg(required_unless_present = "list")]
+    pub(crate) name: Option<String>,
+    /// The file to write; its extension names the format.
+    #[arg(short, long, value_name = "FILE", required_unless_present = "list")]
+    pub(crate) output: Option<PathBuf>,
+    /// About how many triangles it should have.
+    #[arg(long, value_name = "N")]
+    pub(crate) triangles: Option<usize>,
+    /// Lists the models and what they are good for.
+    #[arg(long, exclusive = true)]
+    pub(crate) list: bool,
+    #[command(flatten)]
+    pub(crate) common: Common,
+}
+
+/// A distance, in units of the model or as a share of the diagonal of its bounding box.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Distance {
+    Units(f64),
+    OfDiagonal(f64),
+}
+
+impl Distance {
+    pub(crate) fn in_units(self, diagonal: f64) -> f64 {
+        match self {
+            Self::Units(units) => units,
+            Self::OfDiagonal(share) => share * diagonal,
+        }
+    }
+}
+
+/// Reduces the number of triangles by edge collapse.
+///
+/// At least one target is needed; of several, the first one reached stops the work. Everything that is not geometry
+/// (materials, textures, skins, animations, extensions) stays as it is, attributes follow the collapses.
+///
+/// A file with several meshes is one asset: each distinct mesh is simplified once, and a number of triangles is shared
+/// out over the meshes in proportion to theirs.
+#[derive(Debug, Args)]
+#[command(after_long_help = SIMPLIFY_EXAMPLES)]
+#[command(group = clap::ArgGroup::new("target").required(true).multiple(true))]
+pub(crate) struct SimplifyArgs {
+    /// The file to read.
+    pub(crate) input: PathBuf,
+    /// The file to write; its extension names the format.
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+
+    /// Stop at this many triangles, over all distinct meshes.
+    #[arg(long, value_name = "N", group = "target", conflicts_with = "ratio", help_heading = "Target")]
+    pub(crate) triangles: Option<usize>,
+    /// Stop at this share of the triangles: 0.1 or 10%.
+    #[arg(long, value_name = "R", group = "target", value_parser = parse_ratio, help_heading = "Target")]
+    pub(crate) ratio: Option<f64>,
+    /// Stop before the error would exceed this distance: in model units, or as a share of the diagonal of the
+    /// bounding box (0.1%). The error is the metric's estimate; `maille compare` measures.
+    #[arg(long, value_name = "E", group = "target", value_parser = parse_distance, help_heading = "Target")]
+    pub(crate) max_error: Option<Distance>,
+
+    /// A bundle of metric and placement; the options below override its parts.
+    #[arg(long, value_enum, default_value_t = Preset::Balanced, help_heading = "Method")]
+    pub(crate) preset: Preset,
+    /// What a collapse costs.
+    #[arg(long, value_name = "NAME", value_parser = named(&METRICS), help_heading = "Method")]
+    pub(crate) metric: Option<String>,
+    /// Where the merged vertex goes.
+    #[arg(long, value_name = "NAME", value_parser = named(&PLACEMENTS), help_heading = "Method")]
+    pub(crate) placement: Option<String>,
+    /// How the triangles' planes are weighted in quadric metrics.
+    #[arg(long, value_enum, default_value_t = Weights::Area, help_heading = "Method")]
+    pub(crate) weights: Weights,
+
+    /// What happens to open borders; default: preserve.
+    #[arg(long, value_enum, value_name = "POLICY", help_heading = "Constraints")]
+    pub(crate) boundary: Option<Border>,
+    /// What happens to edges where an attribute (normal, texture coordinate, colour) jumps; default: preserve.
+    #[arg(long, value_enum, value_name = "POLICY", help_heading = "Constraints")]
+    pub(crate) seams: Option<Border>,
+    /// What happens to edges between two materials; default: preserve.
+    #[arg(long, value_enum, value_name = "POLICY", help_heading = "Constraints")]
+    pub(crate) material_borders: Option<Border>,
+    /// How strongly preserved edges are held: 1 counts as much as a square of the edge's length.
+    #[arg(long, value_name = "W", default_value_t = 1.0, value_parser = parse_non_negative, help_heading = "Constraints")]
+    pub(crate) constraint_weight: f64,
+    /// Let collapses change the topology: close handles, join and drop parts.
+    #[arg(long, help_heading = "Constraints")]
+    pub(crate) no_preserve_topology: bool,
+    /// Refuse collapses that turn a triangle's normal by more than this angle in degrees; `off`: allow all.
+    #[arg(long, value_name = "DEG", default_value = "75", value_parser = parse_turn, help_heading = "Constraints")]
+    pub(crate) max_normal_turn: Turn,
+    /// Refuse collapses that leave a vertex with a valence outside this range, for example 4..11.
+    #[arg(long, value_name = "LOW..HIGH", value_parser = parse_range, help_heading = "Constraints")]
+    pub(crate) valence: Option<(u32, u32)>,
+    /// Refuse collapses that make a triangle worse than before and than this quality (1: equilateral, 0: needle).
+    #[arg(long, value_name = "Q", value_parser = parse_unit, help_heading = "Constraints")]
+    pub(crate) min_quality: Option<f64>,
+    /// Also join vertices without an edge between them that are closer than this: units, or a share of the diagonal.
+    #[arg(long, value_name = "D", value_parser = parse_distance, help_heading = "Constraints")]
+    pub(crate) join_distance: Option<Distance>,
+    /// Take the importance of vertices from an attribute: a factor on the cost of their collapses. Of a colour, the
+    /// brightness counts: black is neutral (1), white is 100.
+    #[arg(long, value_name = "ATTRIBUTE", help_heading = "Constraints")]
+    pub(crate) importance: Option<String>,
+    /// Keep the vertices where this attribute is above one half.
+    #[arg(long, value_name = "ATTRIBUTE", help_heading = "Constraints")]
+    pub(crate) lock: Option<String>,
+
+    /// How the normals of merged vertices come about.
+    #[arg(long, value_enum, default_value_t = Normals::Interpolate, help_heading = "Attributes")]
+    pub(crate) normals: Normals,
+    /// Most joints that move one vertex; default: as many as the file has room for.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Attributes")]
+    pub(crate) max_influences: Option<u32>,
+
+    #[command(flatten)]
+    pub(crate) common: Common,
+}
+
+const SIMPLIFY_EXAMPLES: &str = "\
+Examples:
+  maille simplify statue.ply -o small.ply --ratio 10%
+  maille simplify character.glb -o lod1.glb --triangles 5000 --json
+  maille simplify terrain.obj -o out.obj --max-error 0.1% --boundary lock
+  maille simplify painted.ply -o out.ply --ratio 0.05 --importance COLOR_0
+
+Attributes are named as `maille info` lists them, or as glTF does (COLOR_0, _IMPORTANCE).
+
+In this release the presets choose among the metrics and placements listed above; the next one refines them.";
+
+/// Measures how far two surfaces are apart.
+///
+/// Points are sampled evenly over each surface, and the distance of each to the nearest point of the other surface is
+/// taken: mean, root mean square and maximum, both ways; the symmetric figure is the larger of both. Whole assets are
+/// compared as they stand, posed at rest. Distances are in units of the file and in percent of the diagonal of A.
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  maille compare original.ply small.ply\n  \
+    maille compare a.glb b.glb --samples 5000000 --json\n  maille compare a.ply b.ply --heatmap error.glb")]
+pub(crate) struct CompareArgs {
+    /// The original.
+    pub(crate) a: PathBuf,
+    /// What is compared with it.
+    pub(crate) b: PathBuf,
+    /// Points sampled on each surface.
+    #[arg(long, value_name = "N", default_value_t = 500_000, value_parser = parse_samples)]
+    pub(crate) samples: usize,
+    /// Seed of the sampling: the same seed gives the same figures, with any number of threads.
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Writes the original coloured by its distance to B, from blue (none) to red (the maximum).
+    #[arg(long, value_name = "FILE")]
+    pub(crate) heatmap: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) common: Common,
+}
+
+/// Mends defects, one named repair after the other, and tells what each changed.
+///
+/// Without --all or --only it does what changes no surface: drops triangles without area, duplicates and unreferenced
+/// vertices.
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  maille repair scan.stl -o clean.ply --all\n  \
+    maille repair soup.ply -o welded.ply --only weld --weld-tolerance 0.01%")]
+pub(crate) struct RepairArgs {
+    /// The file to read.
+    pub(crate) input: PathBuf,
+    /// The file to write; its extension names the format.
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// All repairs.
+    #[arg(long, conflicts_with = "only")]
+    pub(crate) all: bool,
+    /// Only these repairs, by name.
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    pub(crate) only: Option<Vec<String>>,
+    /// Weld vertices that are this close: units, or a share of the diagonal. Default: equal positions only.
+    #[arg(long, value_name = "D", value_parser = parse_distance)]
+    pub(crate) weld_tolerance: Option<Distance>,
+    #[command(flatten)]
+    pub(crate) common: Common,
+}
+
+/// Draws a picture of a model, without a graphics card.
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  maille render statue.ply -o statue.png\n  \
+    maille render small.glb -o wire.png --wireframe --view 45,10 --size 800x800")]
+pub(crate) struct RenderArgs {
+    /// The file to draw.
+    pub(crate) file: PathBuf,
+    /// The picture to write (PNG).
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// Size in pixels.
+    #[arg(long, value_name = "WxH", default_value = "960x960", value_parser = parse_size)]
+    pub(crate) size: (u32, u32),
+    /// From where: degrees around the vertical axis, and above the horizon.
+    #[arg(long, value_name = "YAW,PITCH", default_value = "30,12", value_parser = parse_view, allow_hyphen_values = true)]
+    pub(crate) view: (f32, f32),
+    /// Which axis of the file points up.
+    #[arg(long, value_enum, default_value_t = UpAxis::Y)]
+    pub(crate) up: UpAxis,
+    /// Draws the edges of the triangles, too.
+    #[arg(long)]
+    pub(crate) wireframe: bool,
+    /// One normal to each triangle: shows the facets.
+    #[arg(long)]
+    pub(crate) flat: bool,
+    /// Plain clay instead of the model's colours and textures.
+    #[arg(long)]
+    pub(crate) clay: bool,
+    /// What is behind it.
+    #[arg(long, value_enum, default_value_t = Background::Studio)]
+    pub(crate) background: Background,
+    #[command(flatten)]
+    pub(crate) common: Common,
+}
+
+/// Runs the main job on a built-in model and writes a report with pictures.
+///
+/// Simplifies it to several levels, measures each against the original, writes the levels as .glb files and
+/// `report.html`, one file that opens in any browser and asks for nothing from the network.
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  maille demo\n  maille demo -o /tmp/demo")]
+pub(crate) struct DemoArgs {
+    /// The folder to write to; it is made when absent.
+    #[arg(short, long, value_name = "DIR", default_value = "maille-demo")]
+    pub(crate) output: PathBuf,
+    #[command(flatten)]
+    pub(crate) common: Common,
+}
+
+/// Prints the completions of a shell.
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  \
+    maille completions bash > ~/.local/share/bash-completion/completions/maille\n  \
+    maille completions zsh > ~/.zfunc/_maille\n  \
+    maille completions fish > ~/.config/fish/completions/maille.fish")]
+pub(crate) struct CompletionsArgs {
+    /// Which shell.
+    pub(crate) shell: Shell,
+}
+
+/// Prints the manual page, or writes one page to each command.
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  maille man | man -l -\n  maille man -o /usr/local/share/man/man1")]
+pub(crate) struct ManArgs {
+    /// A folder for all pages; it is made when absent. Default: the main page on stdout.
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Preset {
+    /// Half-edge collapses: vertices keep their places
+    Fast,
+    /// Quadrics with constraints, optimal placement
+    Balanced,
+    /// Memoryless quadrics with constraints, optimal placement
+    Best,
+    /// As balanced, but borders and topology may go: reaches the smallest counts
+    Aggressive,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Weights {
+    /// Every plane the same
+    Uniform,
+    /// By the area of the triangle
+    Area,
+    /// By the angle of the triangle at the vertex
+    Angle,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Border {
+    /// Nothing special
+    Free,
+    /// Collapse along themselves only
+    Preserve,
+    /// Their vertices stay
+    Lock,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Normals {
+    /// Interpolated along the edge
+    Interpolate,
+    /// The mean of the triangles around, by angle
+    Recompute,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum UpAxis {
+    Y,
+    Z,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Background {
+    /// A soft grey room
+    Studio,
+    /// Nothing, with the shadow kept
+    Transparent,
+}
+
+/// The largest turn of a normal, in degrees; `None`: any.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Turn(pub(crate) Option<f64>);
+
+impl From<Weights> for QuadricWeight {
+    fn from(weights: Weights) -> Self {
+        match weights {
+            Weights::Uniform => Self::Uniform,
+            Weights::Area => Self::Area,
+            Weights::Angle => Self::Angle,
+        }
+    }
+}
+
+impl From<Border> for EdgePolicy {
+    fn from(border: Border) -> Self {
+        match border {
+            Border::Free => Self::Free,
+            Border::Preserve => Self::Preserve,
+            Border::Lock => Self::Lock,
+        }
+    }
+}
+
+impl From<Normals> for NormalPolicy {
+    fn from(normals: Normals) -> Self {
+        match normals {
+            Normals::Interpolate => Self::Interpolate,
+            Normals::Recompute => Self::Recompute,
+        }
+    }
+}
+
+const METRICS: [&str; MetricKind::NAMES.len()] = names(MetricKind::NAMES);
+const PLACEMENTS: [&str; PlacementKind::NAMES.len()] = names(PlacementKind::NAMES);
+
+const fn names<T: Copy, const N: usize>(pairs: [(&'static str, T); N]) -> [&'static str; N] {
+    let mut names = [""; N];
+    let mut i = 0;
+    while i < N {
+        names[i] = pairs[i].0;
+        i += 1;
+    }
+    names
+}
+
+fn named(names: &'static [&'static str]) -> clap::builder::PossibleValuesParser {
+    names.into()
+}
+
+fn parse_number(text: &str) -> Result<f64, String> {
+    text.trim().parse().ok().filter(|x: &f64| x.is_finite()).ok_or_else(|| format!("'{text}' is not a number"))
+}
+
+fn parse_non_negative(text: &str) -> Result<f64, String> {
+    parse_number(text).and_then(|x| if x >= 0.0 { Ok(x) } else { Err("it must not be negative".into()) })
+}
+
+fn parse_unit(text: &str) -> Result<f64, String> {
+    parse_number(text).and_then(|x| if (0.0..=1.0).contains(&x) { Ok(x) } else { Err("it must be 0 to 1".into()) })
+}
+
+fn parse_ratio(text: &str) -> Result<f64, String> {
+    let ratio = match text.strip_suffix('%') {
+        Some(percent) => parse_number(percent)? / 100.0,
+        None => parse_number(text)?,
+    };
+    if (0.0..=1.0).contains(&ratio) { Ok(ratio) } else { Err("it must be 0 to 1, or 0% to 100%".into()) }
+}
+
+fn parse_distance(text: &str) -> Result<Distance, String> {
+    match text.strip_suffix('%') {
+        Some(percent) => Ok(Distance::OfDiagonal(parse_non_negative(percent)? / 100.0)),
+        None => Ok(Distance::Units(parse_non_negative(text)?)),
+    }
+}
+
+fn parse_turn(text: &str) -> Result<Turn, String> {
+    match text {
+        "off" => Ok(Turn(None)),
+        _ => match parse_number(text)? {
+            degrees if (0.0..=180.0).contains(&degrees) => Ok(Turn(Some(degrees))),
+            _ => Err("it must be 0 to 180 degrees, or off".into()),
+        },
+    }
+}
+
+fn parse_range(text: &str) -> Result<(u32, u32), String> {
+    let (low, high) = text.split_once("..").ok_or("it must look like 4..11")?;
+    let number = |text: &str| text.parse::<u32>().map_err(|_| format!("'{text}' is not a whole number"));
+    match (number(low)?, number(high)?) {
+        (low, high) if low <= high => Ok((low, high)),
+        _ => Err("the lower bound must not exceed the upper one".into()),
+    }
+}
+
+fn parse_samples(text: &str) -> Result<usize, String> {
+    let count: usize = text.replace('_', "").parse().map_err(|_| format!("'{text}' is not a whole number"))?;
+    if (1..=2_000_000_000).contains(&count) { Ok(count) } else { Err("it must be 1 to 2 000 000 000".into()) }
+}
+
+fn parse_size(text: &str) -> Result<(u32, u32), String> {
+    let (width, height) = text.split_once('x').ok_or("it must look like 960x960")?;
+    let side = |text: &str| {
+        let side = text.parse().map_err(|_| format!("'{text}' is not a whole number"))?;
+        if (16..=8192).contains(&side) { Ok(side) } else { Err("sides must be 16 to 8192 pixels".to_owned()) }
+    };
+    Ok((side(width)?, side(height)?))
+}
+
+fn parse_view(text: &str) -> Result<(f32, f32), String> {
+    let (yaw, pitch) = text.split_once(',').ok_or("it must look like 30,12")?;
+    let (yaw, pitch) = (parse_number(yaw)?, parse_number(pitch)?);
+    if pitch.abs() > 89.0 {
+        return Err("the second angle must be -89 to 89 degrees".into());
+    }
+    Ok((yaw as f32, pitch as f32))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn definitions_are_consistent() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn distances_take_units_and_percent() {
+        assert_eq!(parse_distance("0.5"), Ok(Distance::Units(0.5)));
+        assert_eq!(parse_distance("50%"), Ok(Distance::OfDiagonal(0.5)));
+        assert_eq!(Distance::OfDiagonal(0.5).in_units(4.0), 2.0);
+        assert!(parse_distance("-1").is_err() && parse_distance("nan").is_err() && parse_distance("inf%").is_err());
+    }
+
+    #[test]
+    fn ratios_take_shares_and_percent() {
+        assert_eq!(parse_ratio("0.1"), Ok(0.1));
+        assert_eq!(parse_ratio("10%"), Ok(0.1));
+        assert!(parse_ratio("1.5").is_err() && parse_ratio("x").is_err());
+    }
+
+    #[test]
+    fn ranges_and_sizes_are_checked() {
+        assert_eq!(parse_range("4..11"), Ok((4, 11)));
+        assert!(parse_range("11..4").is_err() && parse_range("4").is_err());
+        assert_eq!(parse_size("640x480"), Ok((640, 480)));
+        assert!(parse_size("0x480").is_err() && parse_size("640").is_err());
+        assert!(parse_view("30,90").is_err());
+    }
+}

@@ -1,0 +1,228 @@
+//! `maille simplify`
+
+use std::time::Instant;
+
+use maille::simplify::{EdgePolicy, MetricKind, PlacementKind, Refusals, SimplifyError, SimplifyOptions, Stop};
+use maille_io::{Asset, AssetOptions, AssetReport, ProcessError, WriteOptions, simplify_asset};
+use serde_json::{Value, json};
+
+use crate::args::{Preset, SimplifyArgs};
+use crate::failure::Failure;
+use crate::output::{self, Listing};
+use crate::session::Session;
+use crate::system;
+
+pub(crate) fn run(args: &SimplifyArgs) -> Result<(), Failure> {
+    super::check_output(&args.output)?;
+    let session = Session::start(&args.common)?;
+    let mut asset = session.read(&args.input)?;
+    let diagonal = super::diagonal(&asset);
+    let options = options(args, &asset, diagonal);
+    let start = Instant::now();
+    let report = simplify_asset(&mut asset, &options, session.control()).map_err(|error| refusal(args, &error))?;
+    let seconds = start.elapsed().as_secs_f64();
+    session.checkpoint()?;
+    session.write(&asset, &args.output, &WriteOptions::default())?;
+    let done = Done { report, seconds, diagonal, options: options.simplify };
+    match args.common.json {
+        true => output::print_json(&done.json(args, &session, &asset))?,
+        false => output::print(&done.text(args))?,
+    }
+    Ok(())
+}
+
+/// What the options mean for this asset.
+fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
+    let mut simplify = preset(args.preset);
+    let by_ratio = |ratio: f64| (ratio * asset.triangle_count() as f64).round() as usize;
+    simplify.target.triangles = args.triangles.or(args.ratio.map(by_ratio));
+    simplify.target.max_error = args.max_error.map(|error| error.in_units(diagonal));
+    if let Some(metric) = args.metric.as_deref().and_then(|name| by_name(&MetricKind::NAMES, name)) {
+        simplify.metric = metric;
+    }
+    if let Some(placement) = args.placement.as_deref().and_then(|name| by_name(&PlacementKind::NAMES, name)) {
+        simplify.placement = placement;
+    }
+    simplify.quadric_weight = args.weights.into();
+    for (place, given) in [
+        (&mut simplify.boundary, args.boundary),
+        (&mut simplify.seams, args.seams),
+        (&mut simplify.material_borders, args.material_borders),
+    ] {
+        if let Some(policy) = given {
+            *place = policy.into();
+        }
+    }
+    simplify.constraint_weight = args.constraint_weight;
+    simplify.preserve_topology &= !args.no_preserve_topology;
+    simplify.max_normal_turn = args.max_normal_turn.0.map(f64::to_radians);
+    simplify.valence = args.valence;
+    simplify.min_quality = args.min_quality;
+    simplify.join_distance = args.join_distance.map(|distance| distance.in_units(diagonal));
+    simplify.normals = args.normals.into();
+    simplify.max_influences = args.max_influences;
+    AssetOptions { simplify, importance: args.importance.clone(), lock: args.lock.clone() }
+}
+
+/// The bundle of options that a preset stands for.
+pub(crate) fn preset(preset: Preset) -> SimplifyOptions {
+    let balanced = SimplifyOptions::default();
+    match preset {
+        Preset::Balanced => balanced,
+        Preset::Fast => SimplifyOptions { placement: PlacementKind::Subset, ..balanced },
+        Preset::Best => SimplifyOptions { metric: MetricKind::ConstrainedMemorylessQuadric, ..balanced },
+        Preset::Aggressive => SimplifyOptions {
+            boundary: EdgePolicy::Free,
+            seams: EdgePolicy::Free,
+            material_borders: EdgePolicy::Free,
+            preserve_topology: false,
+            ..balanced
+        },
+    }
+}
+
+fn by_name<T: Copy>(names: &[(&str, T)], name: &str) -> Option<T> {
+    names.iter().find(|(known, _)| *known == name).map(|&(_, value)| value)
+}
+
+fn name_of<T: PartialEq>(names: &[(&'static str, T)], value: &T) -> &'static str {
+    names.iter().find(|(_, known)| known == value).map_or("", |&(name, _)| name)
+}
+
+fn refusal(args: &SimplifyArgs, error: &ProcessError) -> Failure {
+    match error {
+        ProcessError::Mesh { error: SimplifyError::Cancelled(_), .. } => Failure::Cancelled,
+        ProcessError::Mesh { error: SimplifyError::NotFinite { .. }, .. } => {
+            let remedy = format!("maille repair {} -o OUT --all", args.input.display());
+            Failure::Refused(format!("cannot simplify {}: {error} ({remedy})", args.input.display()))
+        }
+        _ => Failure::Refused(format!("cannot simplify {}: {error}", args.input.display())),
+    }
+}
+
+/// What has been done, ready to be told.
+struct Done {
+    report: AssetReport,
+    seconds: f64,
+    diagonal: f64,
+    options: SimplifyOptions,
+}
+
+impl Done {
+    fn json(&self, args: &SimplifyArgs, session: &Session, asset: &Asset) -> Value {
+        let report = &self.report;
+        json!({
+            "input": args.input.display().to_string(),
+            "output": args.output.display().to_string(),
+            "triangles_in": report.triangles_in,
+            "triangles_out": report.triangles_out,
+            "seconds": self.seconds,
+            "threads": session.threads(),
+            "peak_bytes": system::peak_bytes(),
+            "stopped": stop_name(report.stopped),
+            "error": report.error,
+            "diagonal": self.diagonal,
+            "collapses": report.collapses,
+            "refused": refusals(&report.refused).into_iter().collect::<serde_json::Map<_, _>>(),
+            "preset": preset_name(args.preset),
+            "metric": name_of(&MetricKind::NAMES, &self.options.metric),
+            "placement": name_of(&PlacementKind::NAMES, &self.options.placement),
+            "meshes": report.meshes.len(),
+            "warnings": asset.warnings,
+        })
+    }
+
+    fn text(&self, args: &SimplifyArgs) -> String {
+        let report = &self.report;
+        let mut listing = Listing::default();
+        let (before, after) = (output::count(report.triangles_in), output::count(report.triangles_out));
+        listing.heading(format!("{}: {before} -> {after} triangles", args.input.display()));
+        listing.line("time", output::seconds(self.seconds));
+        listing.line("stopped", explanation(report.stopped));
+        listing.line("error", format!("{}, as the metric estimates", output::distance(report.error, self.diagonal)));
+        let refused = refusals(&report.refused).into_iter().filter(|(_, n)| *n != 0);
+        let refused: Vec<String> = refused.map(|(name, n)| format!("{name} {n}")).collect();
+        if !refused.is_empty() {
+            listing.line("refused", refused.join(", "));
+        }
+        listing.line("wrote", output::written(&args.output));
+        listing.line("measure", format!("maille compare {} {}", args.input.display(), args.output.display()));
+        listing.text()
+    }
+}
+
+fn refusals(refused: &Refusals) -> [(String, Value); 6] {
+    [
+        ("topology", refused.topology),
+        ("fold_over", refused.fold_over),
+        ("border", refused.border),
+        ("locked", refused.locked),
+        ("valence", refused.valence),
+        ("quality", refused.quality),
+    ]
+    .map(|(name, n)| (name.to_owned(), n.into()))
+}
+
+fn stop_name(stop: Stop) -> &'static str {
+    match stop {
+        Stop::Triangles => "triangles",
+        Stop::MaxError => "max_error",
+        Stop::NoLegalCollapse => "no_legal_collapse",
+        Stop::Exhausted => "exhausted",
+        _ => "other",
+    }
+}
+
+fn explanation(stop: Stop) -> &'static str {
+    match stop {
+        Stop::Triangles => "the number of triangles is reached",
+        Stop::MaxError => "the next collapse would exceed the largest error",
+        Stop::NoLegalCollapse => "the constraints forbid every collapse that is left",
+        Stop::Exhausted => "no edge is left",
+        _ => "for another reason",
+    }
+}
+
+fn preset_name(preset: Preset) -> String {
+    use clap::ValueEnum;
+    preset.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::args::{Cli, Command};
+
+    fn parsed(line: &str) -> Box<SimplifyArgs> {
+        let words = ["maille", "simplify", "in.ply", "-o", "out.ply"].into_iter().chain(line.split_whitespace());
+        match Cli::parse_from(words).command {
+            Command::Simplify(args) => args,
+            other => panic!("parsed as {other:?}"),
+        }
+    }
+
+    #[test]
+    fn balanced_is_the_library_default() {
+        let asset = Asset::from_mesh("cube", maille::mesh::shapes::cube());
+        let mut expected = SimplifyOptions::default();
+        expected.target.triangles = Some(6);
+        let mut found = options(&parsed("--ratio 50%"), &asset, 2.0).simplify;
+        found.max_normal_turn = expected.max_normal_turn; // degrees to radians rounds
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn options_override_parts_of_the_preset() {
+        let asset = Asset::from_mesh("cube", maille::mesh::shapes::cube());
+        let line =
+            "--max-error 1% --preset aggressive --metric qem --boundary lock --max-normal-turn off --valence 4..11";
+        let found = options(&parsed(line), &asset, 2.0).simplify;
+        assert_eq!(found.target.max_error, Some(0.02));
+        assert_eq!((found.metric, found.placement), (MetricKind::Quadric, PlacementKind::Optimal));
+        assert_eq!((found.boundary, found.seams), (EdgePolicy::Lock, EdgePolicy::Free));
+        assert_eq!((found.max_normal_turn, found.valence), (None, Some((4, 11))));
+        assert!(!found.preserve_topology);
+    }
+}

@@ -1,0 +1,19 @@
+//! Pictures without a graphics card: a small software renderer for reports and the documentation.
+//!
+//! [`Scene`] is what to draw, [`Camera`] from where, [`Style`] how; [`draw`] gives a [`Picture`]. Light comes from many
+//! directional lamps (a sky dome and a cluster for the key light), each with a depth map: their sum gives soft shadows
+//! and ambient occlusion by one mechanism. The same input gives the same pixels with any number of threads.
+
+mod camera;
+mod colour;
+mod light;
+mod picture;
+mod raster;
+mod scene;
+mod shade;
+
+pub(crate) use camera::Camera;
+pub(crate) use light::Lighting;
+pub(crate) use picture::Picture;
+pub(crate) use scene::{Frame, Scene};
+pub(crate) use shade::{Backdrop, Style, draw};

@@ -1,0 +1,29 @@
+//! Finished pixels.
+
+use std::io::Cursor;
+
+use image::{ImageFormat, RgbaImage};
+
+/// An image of 8-bit sRGB with straight alpha.
+pub(crate) struct Picture {
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    /// Rows from the top, pixels from the left.
+    pub(crate) pixels: Vec<[u8; 4]>,
+}
+
+impl Picture {
+    /// The bytes of a PNG file.
+    pub(crate) fn to_png(&self) -> Vec<u8> {
+        let bytes = self.pixels.as_flattened().to_vec();
+        let image = RgbaImage::from_raw(self.width, self.height, bytes).expect("there is a pixel for each place");
+        let mut png = Cursor::new(Vec::new());
+        let opaque = self.pixels.iter().all(|pixel| pixel[3] == 255);
+        let written = match opaque {
+            true => image::DynamicImage::from(image).to_rgb8().write_to(&mut png, ImageFormat::Png),
+            false => image.write_to(&mut png, ImageFormat::Png),
+        };
+        written.expect("memory takes all bytes");
+        png.into_inner()
+    }
+}

@@ -1,0 +1,119 @@
+//! What every working command goes through: threads, progress, Ctrl-C, reading and writing.
+
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use maille::Control;
+use maille_io::{Asset, ReadOptions, WriteOptions};
+
+use crate::args::Common;
+use crate::failure::{Failure, say};
+use crate::progress::Progress;
+
+/// Set by Ctrl-C; algorithms look at it through [`Control`].
+static CANCELLED: AtomicBool = AtomicBool::new(false);
+/// While true, nothing needs to be cleaned up, so that Ctrl-C may end the process at once.
+static MAY_EXIT: AtomicBool = AtomicBool::new(false);
+
+type Report = Box<dyn Fn(&str, f32) + Send + Sync>;
+
+/// One run of a command.
+pub(crate) struct Session {
+    progress: std::sync::Arc<Progress>,
+    report: Report,
+    quiet: bool,
+}
+
+impl Session {
+    /// Builds the thread pool and takes over Ctrl-C. Once per process.
+    pub(crate) fn start(common: &Common) -> Result<Self, Failure> {
+        let threads = common.threads.map_or(0, usize::from);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+        pool.map_err(|error| Failure::Refused(format!("cannot start the threads: {error}")))?;
+        let handler = ctrlc::set_handler(|| {
+            CANCELLED.store(true, Ordering::SeqCst);
+            if MAY_EXIT.load(Ordering::SeqCst) {
+                std::process::exit(1);
+            }
+        });
+        handler.map_err(|error| Failure::Refused(format!("cannot listen to Ctrl-C: {error}")))?;
+        let progress = std::sync::Arc::new(Progress::new(common.quiet));
+        let shown = progress.clone();
+        let report: Report = Box::new(move |stage, done| shown.report(stage, done));
+        Ok(Self { progress, report, quiet: common.quiet })
+    }
+
+    /// Number of threads at work.
+    pub(crate) fn threads(&self) -> usize {
+        rayon::current_num_threads()
+    }
+
+    /// For the algorithms: shows their progress and stops them on Ctrl-C.
+    pub(crate) fn control(&self) -> Control<'_> {
+        Control::new(Some(&*self.report), Some(&CANCELLED))
+    }
+
+    /// Clears the progress bar of what just ended and stops here if Ctrl-C came.
+    pub(crate) fn checkpoint(&self) -> Result<(), Failure> {
+        self.progress.finish();
+        if CANCELLED.load(Ordering::SeqCst) { Err(Failure::Cancelled) } else { Ok(()) }
+    }
+
+    /// Reads a file of any format and tells what was odd in it.
+    pub(crate) fn read(&self, path: &Path) -> Result<Asset, Failure> {
+        let spinner = self.progress.spinner(format!("reading {}", path.display()));
+        MAY_EXIT.store(true, Ordering::SeqCst);
+        let asset = maille_io::read(path, &ReadOptions::default());
+        MAY_EXIT.store(false, Ordering::SeqCst);
+        drop(spinner);
+        let asset = asset?;
+        for warning in &asset.warnings {
+            self.note(&format!("{}: {warning}", path.display()));
+        }
+        self.checkpoint()?;
+        Ok(asset)
+    }
+
+    /// Writes a file whole or not at all.
+    pub(crate) fn write(&self, asset: &Asset, path: &Path, options: &WriteOptions) -> Result<(), Failure> {
+        self.checkpoint()?;
+        let _spinner = self.progress.spinner(format!("writing {}", path.display()));
+        let written = maille_io::write_with(asset, path, options, self.control());
+        if CANCELLED.load(Ordering::SeqCst) && written.is_err() {
+            return Err(Failure::Cancelled);
+        }
+        Ok(written?)
+    }
+
+    /// Writes bytes that are no mesh (a picture, a page) whole or not at all.
+    pub(crate) fn write_bytes(&self, bytes: &[u8], path: &Path) -> Result<(), Failure> {
+        self.checkpoint()?;
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let write = || {
+            let mut file = tempfile::NamedTempFile::new_in(folder)?;
+            std::io::Write::write_all(&mut file, bytes)?;
+            share_with_all(file.as_file())?;
+            file.persist(path).map_err(|error| error.error)
+        };
+        write().map(drop).map_err(|error| Failure::writing(path, error))
+    }
+
+    /// Tells the user something beside the result.
+    pub(crate) fn note(&self, message: &str) {
+        if !self.quiet {
+            say(message);
+        }
+    }
+}
+
+/// Temporary files are readable by their owner only; results are like any other file.
+fn share_with_all(file: &std::fs::File) -> std::io::Result<()> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        file.set_permissions(std::fs::Permissions::from_mode(0o644))?;
+    }
+    #[cfg(not(unix))]
+    let _ = file;
+    Ok(())
+}
