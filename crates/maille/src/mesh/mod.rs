@@ -1,10 +1,14 @@
 //! Indexed triangle meshes with wedges and named attributes.
 
 mod attribute;
+mod normals;
 pub mod shapes;
+mod tangents;
 mod weld;
 
 pub use attribute::{Attribute, ComponentType, Semantic, Storage, Values};
+pub use normals::{NormalOptions, NormalWeight, WedgesAdded};
+pub use tangents::TangentError;
 pub use weld::{WeldOptions, WeldReport};
 
 /// A triangle mesh as files and GPUs want it: flat arrays, no adjacency.
