@@ -5,7 +5,6 @@
 mod bvh;
 mod chunks;
 mod compare;
-mod edges;
 mod figures;
 mod heatmap;
 mod sample;
