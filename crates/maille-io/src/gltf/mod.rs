@@ -10,10 +10,14 @@
 //! for meshes that come from elsewhere.
 
 mod accessor;
+mod compose;
 mod container;
 mod draco;
+mod encode;
+mod fresh;
 mod json;
 mod meshopt;
+mod package;
 mod primitive;
 mod scene;
 
@@ -170,11 +174,21 @@ fn warn_of_unknown(json: &Value, warnings: &mut Vec<String>) {
 }
 
 /// Writes glTF JSON with its buffers beside it, or one GLB.
+///
+/// An asset that was a glTF keeps all that is not mesh. For any other one, a document is made: a node for each instance,
+/// a material for each slot, smooth normals where there are none.
 pub(crate) fn write(
-    _asset: &Asset,
-    _binary: bool,
-    _output: &mut Output<'_>,
+    asset: &Asset,
+    binary: bool,
+    output: &mut Output<'_>,
     _options: &WriteOptions,
 ) -> Result<(), WriteError> {
-    Err(WriteError::new("glTF cannot be written yet"))
+    match &asset.source {
+        Source::Gltf(document) => package::write(compose::compose(document, &asset.meshes)?, document, binary, output),
+        _ => {
+            let document = fresh::document_for(asset);
+            let meshes = fresh::with_normals(&asset.meshes);
+            package::write(compose::compose(&document, &meshes)?, &document, binary, output)
+        }
+    }
 }
