@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
+use maille::repair::{self, ParseRepairError, Repair};
 use maille::simplify::{EdgePolicy, MetricKind, NormalPolicy, PlacementKind, QuadricWeight};
 
 const AFTER_HELP: &str = "\
@@ -32,8 +33,11 @@ pub(crate) struct Cli {
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
+    Info(InfoArgs),
     Convert(ConvertArgs),
     Simplify(Box<SimplifyArgs>),
+    Compare(CompareArgs),
+    Repair(RepairArgs),
     Render(RenderArgs),
     Completions(CompletionsArgs),
     Man(ManArgs),
@@ -237,42 +241,61 @@ pub(crate) struct CompareArgs {
     /// What is compared with it.
     pub(crate) b: PathBuf,
     /// Points sampled on each surface.
-    #[arg(long, value_name = "N", default_value_t = 500_000, value_parser = parse_samples)]
-    pub(crate) samples: usize,
+    #[arg(long, value_name = "N", default_value_t = 1_000_000, value_parser = parse_samples)]
+    pub(crate) samples: u64,
     /// Seed of the sampling: the same seed gives the same figures, with any number of threads.
-    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    #[arg(long, value_name = "SEED", default_value_t = 0)]
     pub(crate) seed: u64,
-    /// Writes the original coloured by its distance to B, from blue (none) to red (the maximum).
+    /// Looks for the maximum along all edges, too.
+    #[arg(long)]
+    pub(crate) edges: bool,
+    /// Writes A coloured by its distance to B, from dark violet (none) to yellow (the most).
     #[arg(long, value_name = "FILE")]
     pub(crate) heatmap: Option<PathBuf>,
+    /// The distance that is yellow, in units or as a share of the diagonal; default: the largest.
+    #[arg(long, value_name = "D", value_parser = parse_distance, requires = "heatmap")]
+    pub(crate) heatmap_max: Option<Distance>,
     #[command(flatten)]
     pub(crate) common: Common,
 }
 
 /// Mends defects, one named repair after the other, and tells what each changed.
 ///
-/// Without --all or --only it does what changes no surface: drops triangles without area, duplicates and unreferenced
-/// vertices.
+/// Without --all or --only it does what takes nothing away that could be meant: what is not finite, equal positions,
+/// degenerate and repeated triangles, edges of more than two triangles, winding, leftovers.
 #[derive(Debug, Args)]
-#[command(after_long_help = "Examples:\n  maille repair scan.stl -o clean.ply --all\n  \
-    maille repair soup.ply -o welded.ply --only weld --weld-tolerance 0.01%")]
+#[command(after_long_help = repair_help())]
 pub(crate) struct RepairArgs {
     /// The file to read.
     pub(crate) input: PathBuf,
     /// The file to write; its extension names the format.
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
-    /// All repairs.
+    /// All repairs, in the order below.
     #[arg(long, conflicts_with = "only")]
     pub(crate) all: bool,
-    /// Only these repairs, by name.
-    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
-    pub(crate) only: Option<Vec<String>>,
-    /// Weld vertices that are this close: units, or a share of the diagonal. Default: equal positions only.
+    /// Only these repairs, in this order.
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = parse_repair)]
+    pub(crate) only: Option<Vec<Repair>>,
+    /// Weld vertices that are this close: units of the mesh, or a share of the diagonal. Default: equal positions.
     #[arg(long, value_name = "D", value_parser = parse_distance)]
     pub(crate) weld_tolerance: Option<Distance>,
     #[command(flatten)]
     pub(crate) common: Common,
+}
+
+fn repair_help() -> String {
+    let line = |&(name, repair, what): &(&str, Repair, &str)| {
+        let standard = Repair::STANDARD.iter().any(|known| known.name() == repair.name());
+        format!("  {name:<24} {} {what}\n", if standard { '*' } else { ' ' })
+    };
+    let table: String = repair::NAMES.iter().map(line).collect();
+    format!(
+        "Repairs (* done without --all and --only):\n{table}\nExamples:\n  \
+         maille repair scan.stl -o clean.ply\n  \
+         maille repair soup.ply -o welded.ply --only weld,drop-degenerate --weld-tolerance 0.01%\n  \
+         maille repair scan.ply -o parts.ply --only drop-small-components=500"
+    )
 }
 
 /// Draws a picture of a model, without a graphics card.
@@ -485,6 +508,10 @@ fn parse_turn(text: &str) -> Result<Turn, String> {
     }
 }
 
+fn parse_repair(text: &str) -> Result<Repair, ParseRepairError> {
+    text.parse()
+}
+
 fn parse_range(text: &str) -> Result<(u32, u32), String> {
     let (low, high) = text.split_once("..").ok_or("it must look like 4..11")?;
     let number = |text: &str| text.parse::<u32>().map_err(|_| format!("'{text}' is not a whole number"));
@@ -494,8 +521,8 @@ fn parse_range(text: &str) -> Result<(u32, u32), String> {
     }
 }
 
-fn parse_samples(text: &str) -> Result<usize, String> {
-    let count: usize = text.replace('_', "").parse().map_err(|_| format!("'{text}' is not a whole number"))?;
+fn parse_samples(text: &str) -> Result<u64, String> {
+    let count: u64 = text.replace('_', "").parse().map_err(|_| format!("'{text}' is not a whole number"))?;
     if (1..=2_000_000_000).contains(&count) { Ok(count) } else { Err("it must be 1 to 2 000 000 000".into()) }
 }
 

@@ -8,7 +8,7 @@ use maille_io::{Asset, ReadOptions, WriteOptions};
 
 use crate::args::Common;
 use crate::failure::{Failure, say};
-use crate::progress::Progress;
+use crate::progress::{Progress, Spinner};
 
 /// Set by Ctrl-C; algorithms look at it through [`Control`].
 static CANCELLED: AtomicBool = AtomicBool::new(false);
@@ -57,6 +57,11 @@ impl Session {
     pub(crate) fn checkpoint(&self) -> Result<(), Failure> {
         self.progress.finish();
         if CANCELLED.load(Ordering::SeqCst) { Err(Failure::Cancelled) } else { Ok(()) }
+    }
+
+    /// Shows that something is going on that cannot tell how far it is, until the result is dropped.
+    pub(crate) fn spinner(&self, what: &str) -> Spinner {
+        self.progress.spinner(what.to_owned())
     }
 
     /// Reads a file of any format and tells what was odd in it.

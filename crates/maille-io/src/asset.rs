@@ -1,5 +1,6 @@
 //! What a file holds: meshes, where they stand, and everything else, kept for writing it back.
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
 use glam::{DMat4, DVec3, Vec3};
@@ -69,6 +70,21 @@ impl Asset {
     /// Triangles of all distinct meshes.
     pub fn triangle_count(&self) -> usize {
         self.meshes.iter().map(|m| m.mesh.triangle_count()).sum()
+    }
+
+    /// Everything that is drawn, as one mesh in world space with its attributes, posed at rest (morphs and skins
+    /// applied). Free when that is one mesh where it stands.
+    pub fn flattened(&self) -> Cow<'_, Mesh> {
+        crate::flatten::flattened(self)
+    }
+
+    /// What else is in the file, with how many there are of it: `materials`, `textures`, `skins`, `animations` and
+    /// whatever glTF has a list of. Empty for formats that hold nothing but meshes.
+    pub fn contents(&self) -> Vec<(&'static str, usize)> {
+        match &self.source {
+            Source::Gltf(document) => document.contents(),
+            _ => Vec::new(),
+        }
     }
 
     /// Everything that is drawn, as one mesh of positions in world space, posed at rest (morphs and skins applied).

@@ -67,6 +67,15 @@ pub fn read(path: &Path, options: &ReadOptions) -> Result<Asset, ReadError> {
     read().map_err(|error| error.at_path(path))
 }
 
+/// The format of a file, as [`read`] finds it.
+///
+/// # Errors
+/// [`ReadError`] if the file cannot be opened or is of no format that Maille knows.
+pub fn detect(path: &Path) -> Result<Format, ReadError> {
+    let find = || format_of(&Input::open(path)?, Format::from_path(path));
+    find().map_err(|error: ReadError| error.at_path(path))
+}
+
 /// Reads a file that is in memory already. What it refers to by name (buffers of a glTF, the MTL of an OBJ) is not
 /// looked for.
 ///
@@ -76,20 +85,23 @@ pub fn read_bytes(bytes: &[u8], hint: Option<Format>, options: &ReadOptions) -> 
     decode(&Input::Given(bytes), hint, None, options)
 }
 
+fn format_of(input: &Input<'_>, hint: Option<Format>) -> Result<Format, ReadError> {
+    if input.is_empty() {
+        return Err(ReadError::new("the file is empty"));
+    }
+    Format::detect(input, hint).ok_or_else(|| {
+        ReadError::new("the content is of no format that Maille knows")
+            .with_remedy("convert it to glTF, GLB, PLY, OBJ, STL or OFF")
+    })
+}
+
 fn decode(
     input: &Input<'_>,
     hint: Option<Format>,
     folder: Option<&Path>,
     options: &ReadOptions,
 ) -> Result<Asset, ReadError> {
-    if input.is_empty() {
-        return Err(ReadError::new("the file is empty"));
-    }
-    let Some(format) = Format::detect(input, hint) else {
-        let message = "the content is of no format that Maille knows";
-        return Err(ReadError::new(message).with_remedy("convert it to glTF, GLB, PLY, OBJ, STL or OFF"));
-    };
-    let asset = match format {
+    let asset = match format_of(input, hint)? {
         Format::Gltf | Format::Glb => gltf::read(input, folder, options)?,
         Format::Ply => ply::read(input, options)?,
         Format::Obj => obj::read(input, folder, options)?,

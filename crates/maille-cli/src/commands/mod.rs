@@ -1,9 +1,12 @@
 //! One module to each command: meaning of the options, calls into the libraries, results.
 
+mod compare;
 mod completions;
 mod convert;
+mod info;
 mod man;
 mod render;
+mod repair;
 mod simplify;
 
 use std::path::Path;
@@ -16,8 +19,11 @@ use crate::failure::Failure;
 /// Runs what the command line asks for.
 pub(crate) fn run(cli: Cli) -> Result<(), Failure> {
     match cli.command {
+        Command::Info(args) => info::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Simplify(args) => simplify::run(&args),
+        Command::Compare(args) => compare::run(&args),
+        Command::Repair(args) => repair::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Completions(args) => completions::run(&args),
         Command::Man(args) => man::run(&args),
@@ -38,5 +44,10 @@ fn check_output(path: &Path) -> Result<(), Failure> {
 
 /// Length of the diagonal of the box around everything an asset draws, posed at rest.
 fn diagonal(asset: &Asset) -> f64 {
-    asset.merged_positions().diagonal()
+    asset.flattened().diagonal()
+}
+
+/// The usual name of a format.
+fn format_name(format: Format) -> &'static str {
+    Format::EXTENSIONS.iter().find(|(_, known)| *known == format).map_or("unknown", |(name, _)| *name)
 }

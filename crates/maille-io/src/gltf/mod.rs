@@ -79,6 +79,12 @@ impl Document {
         self.json.get(key).and_then(Value::as_array).map_or(&[], Vec::as_slice)
     }
 
+    /// How many entries each list has that a user asks for.
+    pub(crate) fn contents(&self) -> Vec<(&'static str, usize)> {
+        let keys = ["scenes", "nodes", "materials", "textures", "images", "skins", "animations", "cameras"];
+        keys.map(|key| (key, self.list(key).len())).into_iter().filter(|&(_, count)| count > 0).collect()
+    }
+
     /// The bytes of a buffer view and its stride.
     fn view(&self, number: usize) -> Checked<(&[u8], Option<usize>)> {
         let missing = || Fault::new(format!("buffer view {number} does not exist; there are {}", self.views.len()));

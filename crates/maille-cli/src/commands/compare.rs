@@ -1,0 +1,198 @@
+//! `maille compare`
+
+use maille::Mesh;
+use maille::measure::{
+    CompareError, CompareOptions, Comparison, Deviation, Figures, Side, compare, distances_at_vertices, heatmap,
+};
+use maille_io::{Asset, WriteOptions};
+use serde_json::{Value, json};
+
+use crate::args::CompareArgs;
+use crate::failure::Failure;
+use crate::output::{self, Listing};
+use crate::session::Session;
+
+pub(crate) fn run(args: &CompareArgs) -> Result<(), Failure> {
+    if let Some(path) = &args.heatmap {
+        super::check_output(path)?;
+    }
+    let session = Session::start(&args.common)?;
+    let (a, b) = (session.read(&args.a)?, session.read(&args.b)?);
+    let (a, b) = (a.flattened(), b.flattened());
+    let options = CompareOptions { samples: args.samples, seed: args.seed, edges: args.edges };
+    let comparison = compare(&a, &b, &options, session.control()).map_err(|error| refusal(args, &error))?;
+    session.checkpoint()?;
+    let range = match &args.heatmap {
+        Some(path) => Some(write_heatmap(&session, args, &a, &b, path)?),
+        None => None,
+    };
+    match args.common.json {
+        true => output::print_json(&json(args, &session, &comparison, range))?,
+        false => output::print(&text(args, &comparison, range))?,
+    }
+    Ok(())
+}
+
+/// Writes A coloured by its distance to B and returns the distance that has the last colour.
+fn write_heatmap(
+    session: &Session,
+    args: &CompareArgs,
+    a: &Mesh,
+    b: &Mesh,
+    path: &std::path::Path,
+) -> Result<f64, Failure> {
+    let distances = distances_at_vertices(a, b, session.control()).map_err(|error| refusal(args, &error))?;
+    session.checkpoint()?;
+    let found = distances.iter().copied().filter(|distance| distance.is_finite()).fold(0.0, f32::max);
+    let most = args.heatmap_max.map_or(found, |most| most.in_units(a.diagonal()) as f32);
+    let coloured = Asset::from_mesh("distance", heatmap(a, &distances, [0.0, most]));
+    session.write(&coloured, path, &WriteOptions::default())?;
+    Ok(f64::from(most))
+}
+
+fn refusal(args: &CompareArgs, error: &CompareError) -> Failure {
+    let side = match error {
+        CompareError::Cancelled(_) => return Failure::Cancelled,
+        CompareError::Empty { side } | CompareError::NotFinite { side, .. } | CompareError::Mesh { side, .. } => *side,
+        _ => Side::A,
+    };
+    let path = match side {
+        Side::A => &args.a,
+        Side::B => &args.b,
+    };
+    let remedy = match error {
+        CompareError::NotFinite { .. } => format!(" (maille repair {} -o OUT)", path.display()),
+        _ => String::new(),
+    };
+    Failure::about(path, format!("{error}{remedy}"))
+}
+
+fn json(args: &CompareArgs, session: &Session, c: &Comparison, range: Option<f64>) -> Value {
+    json!({
+        "a": args.a.display().to_string(),
+        "b": args.b.display().to_string(),
+        "mean": c.mean(),
+        "rms": c.rms(),
+        "max": c.max(),
+        "diagonal": c.diagonal,
+        "normal_deg": c.normal_deg(),
+        "forward": deviation_json(&c.forward),
+        "backward": deviation_json(&c.backward),
+        "figures_a": figures_json(&c.a),
+        "figures_b": figures_json(&c.b),
+        "samples": args.samples,
+        "seed": args.seed,
+        "threads": session.threads(),
+        "heatmap": args.heatmap.as_ref().map(|path| path.display().to_string()),
+        "heatmap_max": range,
+    })
+}
+
+fn deviation_json(d: &Deviation) -> Value {
+    json!({
+        "mean": d.mean,
+        "rms": d.rms,
+        "max": d.max,
+        "max_from": d.max_from,
+        "max_to": d.max_to,
+        "normal_deg": d.normal.mean_deg,
+        "normal_rms_deg": d.normal.rms_deg,
+        "normal_max_deg": d.normal.max_deg,
+        "flipped_share": d.normal.flipped_share,
+        "samples": d.samples,
+        "extra_points": d.extra_points,
+    })
+}
+
+fn figures_json(f: &Figures) -> Value {
+    json!({
+        "vertices": f.vertices,
+        "triangles": f.triangles,
+        "area": f.area,
+        "volume": f.volume,
+        "components": f.components,
+        "euler_characteristic": f.euler_characteristic,
+        "boundary_edges": f.boundary_edges,
+        "boundary_length": f.boundary_length,
+        "non_manifold_edges": f.non_manifold_edges,
+        "min_angle_deg": f.quality.min_angle_deg,
+        "mean_angle_deg": f.quality.mean_angle_deg,
+        "mean_shape": f.quality.mean_shape,
+        "mean_aspect": f.quality.mean_aspect,
+        "bad_share": f.quality.bad_share,
+        "degenerate": f.quality.degenerate,
+    })
+}
+
+fn text(args: &CompareArgs, c: &Comparison, range: Option<f64>) -> String {
+    let mut text = format!("A  {}\nB  {}\n\n", args.a.display(), args.b.display());
+    text += &output::table(&distance_rows(c));
+    text.push('\n');
+    text += &output::table(&figure_rows(&c.a, &c.b));
+    let mut listing = Listing::default();
+    listing.heading("");
+    listing.line("diagonal of A", output::number(c.diagonal));
+    let points = output::count(c.forward.samples);
+    listing.line("sampling", format!("{points} points on each surface and all vertices, seed {}", args.seed));
+    if let (Some(path), Some(range)) = (&args.heatmap, range) {
+        listing.line("heat map", format!("{}, yellow from {}", output::written(path), output::number(range)));
+    }
+    text + &listing.text()
+}
+
+fn distance_rows(c: &Comparison) -> Vec<Vec<String>> {
+    let row = |name: &str, symmetric: f64, pick: fn(&Deviation) -> f64| {
+        let percent = match c.diagonal > 0.0 {
+            true => format!("{}%", output::number(100.0 * c.relative(symmetric))),
+            false => String::new(),
+        };
+        let both = [pick(&c.forward), pick(&c.backward)].map(output::number);
+        let [forward, backward] = both;
+        vec![name.to_owned(), output::number(symmetric), percent, forward, backward]
+    };
+    let header = ["distance", "symmetric", "of diagonal", "A to B", "B to A"].map(str::to_owned).to_vec();
+    let degrees = |x: f64| format!("{} deg", output::number(x));
+    vec![
+        header,
+        row("mean", c.mean(), |d| d.mean),
+        row("RMS", c.rms(), |d| d.rms),
+        row("maximum", c.max(), |d| d.max),
+        vec![
+            "normals, mean".to_owned(),
+            degrees(c.normal_deg()),
+            String::new(),
+            degrees(c.forward.normal.mean_deg),
+            degrees(c.backward.normal.mean_deg),
+        ],
+    ]
+}
+
+fn figure_rows(a: &Figures, b: &Figures) -> Vec<Vec<String>> {
+    let change = |a: f64, b: f64| match a != 0.0 && (a - b) != 0.0 {
+        true => format!("{:+.3}%", 100.0 * (b - a) / a.abs()),
+        false => String::new(),
+    };
+    let real = |name: &str, pick: fn(&Figures) -> f64| {
+        let (a, b) = (pick(a), pick(b));
+        vec![name.to_owned(), output::number(a), output::number(b), change(a, b)]
+    };
+    let whole = |name: &str, pick: fn(&Figures) -> i64| {
+        let (a, b) = (pick(a), pick(b));
+        vec![name.to_owned(), a.to_string(), b.to_string(), change(a as f64, b as f64)]
+    };
+    vec![
+        ["surface", "A", "B", "change"].map(str::to_owned).to_vec(),
+        whole("triangles", |f| f.triangles.into()),
+        whole("vertices", |f| f.vertices.into()),
+        real("area", |f| f.area),
+        real("volume", |f| f.volume),
+        whole("components", |f| f.components.into()),
+        whole("Euler characteristic", |f| f.euler_characteristic),
+        real("boundary length", |f| f.boundary_length),
+        whole("non-manifold edges", |f| f.non_manifold_edges.into()),
+        real("smallest angle, mean (deg)", |f| f.quality.mean_angle_deg),
+        real("smallest angle, least (deg)", |f| f.quality.min_angle_deg),
+        real("aspect, mean", |f| f.quality.mean_aspect),
+        whole("triangles without area", |f| f.quality.degenerate.into()),
+    ]
+}
