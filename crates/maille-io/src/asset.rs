@@ -55,6 +55,8 @@ pub(crate) enum Source {
     Gltf(Arc<crate::gltf::Document>),
     /// PLY.
     Ply(Box<crate::ply::PlySource>),
+    /// OBJ.
+    Obj(Box<crate::obj::ObjSource>),
 }
 
 impl Asset {
