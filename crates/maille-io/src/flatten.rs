@@ -30,9 +30,9 @@ fn merged(asset: &Asset, instances: &[Instance]) -> Mesh {
         append_geometry(&mut out, &asset.meshes[instance.mesh].mesh, instance);
     }
     append_materials(&mut out, asset, instances);
-    out.wedge_attributes = union(meshes(), |m| (&m.wedge_attributes, m.wedge_count()));
-    out.vertex_attributes = union(meshes(), |m| (&m.vertex_attributes, m.vertex_count()));
-    out.triangle_attributes = union(meshes(), |m| (&m.triangle_attributes, m.triangle_count()));
+    out.wedge_attributes = union(&meshes(), |m| (&m.wedge_attributes, m.wedge_count()));
+    out.vertex_attributes = union(&meshes(), |m| (&m.vertex_attributes, m.vertex_count()));
+    out.triangle_attributes = union(&meshes(), |m| (&m.triangle_attributes, m.triangle_count()));
     let mut first = 0;
     for instance in instances {
         let mesh = &asset.meshes[instance.mesh].mesh;
@@ -88,7 +88,7 @@ fn new_slots(names: &mut Vec<String>, mesh: &Mesh) -> Vec<u32> {
 /// The attributes that any of the meshes has, one mesh after the other. Where a mesh lacks one: white for colours,
 /// 0 for the rest.
 fn union<'a>(
-    meshes: impl Iterator<Item = &'a Mesh> + Clone,
+    meshes: &(impl Iterator<Item = &'a Mesh> + Clone),
     group: impl Fn(&'a Mesh) -> (&'a Vec<Attribute>, usize),
 ) -> Vec<Attribute> {
     let mut out: Vec<Attribute> = Vec::new();

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::stl;
+use crate::{off, stl};
 
 /// A file format that Maille reads and writes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -75,7 +75,7 @@ impl Format {
             return Some(Self::Gltf);
         }
         let first = statements(text).next().unwrap_or_default();
-        if is_off_keyword(first) {
+        if off::is_keyword(first) {
             return Some(Self::Off);
         }
         if first.eq_ignore_ascii_case(b"solid") && hint != Some(Self::Obj) {
@@ -103,16 +103,6 @@ fn looks_like_obj(text: &[u8]) -> bool {
 
 fn first_word(line: &[u8]) -> &[u8] {
     line.trim_ascii_start().split(u8::is_ascii_whitespace).next().unwrap_or_default()
-}
-
-/// `[ST][C][N][4][n]OFF`, the header keywords of the OFF family.
-fn is_off_keyword(word: &[u8]) -> bool {
-    let Some(prefix) = word.strip_suffix(b"OFF") else { return false };
-    let prefix = prefix.strip_prefix(b"ST").unwrap_or(prefix);
-    let prefix = prefix.strip_prefix(b"C").unwrap_or(prefix);
-    let prefix = prefix.strip_prefix(b"N").unwrap_or(prefix);
-    let prefix = prefix.strip_prefix(b"4").unwrap_or(prefix);
-    matches!(prefix, b"" | b"n")
 }
 
 #[cfg(test)]

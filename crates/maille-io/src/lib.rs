@@ -51,8 +51,10 @@ impl Default for ReadOptions {
 /// How to write.
 #[derive(Debug, Clone, Default)]
 pub struct WriteOptions {
-    /// PLY, OFF: text instead of binary. Text is the only form of OBJ.
+    /// PLY, STL: text instead of binary.
     pub text: bool,
+    /// OFF: binary instead of text. Few programs read it.
+    pub binary_off: bool,
 }
 
 /// Reads a file of any known format, found by its content; the extension only decides where content leaves a doubt.

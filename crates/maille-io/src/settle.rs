@@ -8,7 +8,7 @@ use crate::{Asset, ReadError};
 /// Makes an asset of one mesh after taking out what is not finite.
 ///
 /// Vertices at infinity or nowhere go, with their triangles; attribute values that are no numbers become 0.
-pub(crate) fn settled(name: String, mut mesh: Mesh, mut warnings: Vec<String>) -> Result<Asset, ReadError> {
+pub(crate) fn settled(name: &str, mut mesh: Mesh, mut warnings: Vec<String>) -> Result<Asset, ReadError> {
     let had_triangles = !mesh.triangles.is_empty();
     let dropped = drop_non_finite_vertices(&mut mesh);
     if dropped.0 > 0 {
@@ -28,7 +28,7 @@ pub(crate) fn settled(name: String, mut mesh: Mesh, mut warnings: Vec<String>) -
         }
     }
     mesh.check().map_err(|e| ReadError::new(e.to_string()))?;
-    let mut asset = Asset::from_mesh(&name, mesh);
+    let mut asset = Asset::from_mesh(name, mesh);
     asset.warnings = warnings;
     Ok(asset)
 }
@@ -139,7 +139,7 @@ mod tests {
         let mut ids: Vec<f32> = (0..6).map(|i| i as f32).collect();
         ids[2] = f32::INFINITY;
         mesh.wedge_attributes.push(Attribute::new_f32(Semantic::Custom("id".into()), 1, ids));
-        let asset = settled(String::new(), mesh, vec![]).unwrap();
+        let asset = settled("", mesh, vec![]).unwrap();
         let mesh = &asset.meshes[0].mesh;
         assert_eq!(mesh.triangles, shapes::tetrahedron().triangles);
         assert_eq!(mesh.triangle_materials, [0, 1, 2, 3]);
@@ -152,7 +152,7 @@ mod tests {
     fn a_mesh_of_nothing_finite_is_refused() {
         let mut mesh = shapes::tetrahedron();
         mesh.positions.iter_mut().for_each(|p| p[1] = f32::NAN);
-        assert!(settled(String::new(), mesh, vec![]).is_err());
+        assert!(settled("", mesh, vec![]).is_err());
     }
 
     #[test]

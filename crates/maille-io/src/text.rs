@@ -4,6 +4,7 @@ use crate::{Place, ReadError};
 
 /// Goes through a text word by word. Words are separated by white space; `#` begins a comment where the format has
 /// such comments.
+#[derive(Clone)]
 pub(crate) struct Words<'a> {
     text: &'a [u8],
     at: usize,

@@ -38,6 +38,13 @@ impl Polygons {
         self.ends.push(self.corners.len());
     }
 
+    /// Ends the polygon under work if it has any corners.
+    pub(crate) fn end_open_polygon(&mut self) {
+        if self.ends.last().copied().unwrap_or(0) < self.corners.len() {
+            self.end_polygon();
+        }
+    }
+
     /// Number of polygons.
     pub(crate) fn len(&self) -> usize {
         self.ends.len()

@@ -28,7 +28,7 @@ pub(crate) struct ObjSource {
 }
 
 /// Names of the object and group that a face belongs to.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Hash)]
 struct Part {
     object: String,
     group: String,

@@ -1,5 +1,7 @@
 //! Reading: pieces joined into a mesh.
 
+use std::collections::HashMap;
+use std::hash::Hash;
 use std::ops::Range;
 use std::path::{Component, Path};
 
@@ -40,19 +42,19 @@ pub(crate) fn read(input: &Input<'_>, folder: Option<&Path>, options: &ReadOptio
     }
     let mut joined = Joined::new(&pieces);
     joined.check_memory(options)?;
-    let mut warnings = joined.warnings();
     let states = States::of(&pieces);
     let polygons = joined.polygons(&pieces).map_err(|(face, message)| {
         ReadError::new(message)
             .at(face_line(input, face).map_or(Place::Part(format!("face {}", face + 1)), Place::Line))
     })?;
+    let mut warnings = joined.warnings();
     let libraries = states.libraries.clone();
     drop(pieces);
     let (mut mesh, rounding) = (joined.mesh, joined.rounding);
     let source = states.apply(&mut mesh, polygons, &mut warnings);
     warnings.extend(rounding.warning(&mesh));
     let mtl = read_libraries(folder, &libraries, &mut warnings);
-    let mut asset = settled(String::new(), mesh, warnings)?;
+    let mut asset = settled("", mesh, warnings)?;
     asset.source = Source::Obj(Box::new(ObjSource { parts: source, mtl }));
     Ok(asset)
 }
@@ -153,6 +155,12 @@ impl Joined {
         }
         if self.free_form > 0 {
             warnings.push(format!("{} free-form curves or surfaces were left out", self.free_form));
+        }
+        for (kind, name) in [(0, "texture coordinates"), (1, "normals")] {
+            let there = [!self.uvs.is_empty(), !self.normals.is_empty()][kind];
+            if there && self.lacking[kind] > 0 {
+                warnings.push(format!("{} corners have no {name} and were given zeros", self.lacking[kind]));
+            }
         }
         warnings
     }
@@ -276,6 +284,7 @@ struct States {
 impl States {
     fn of(pieces: &[Piece]) -> Self {
         let mut states = Self::default();
+        let (mut parts, mut materials) = (Labels::new(), Labels::new());
         let (mut part, mut material, mut smoothing) = (Part::default(), String::new(), 0);
         for piece in pieces {
             let ends = piece.events.iter().map(|&(face, _)| face).chain([piece.face_ends.len()]);
@@ -291,12 +300,13 @@ impl States {
                     Some(Event::Library(name)) => states.libraries.push(name.clone()),
                 }
                 if end > start {
-                    let labels = [label(&mut states.parts, &part), label(&mut states.materials, &material), smoothing];
+                    let labels = [parts.of(&part), materials.of(&material), smoothing];
                     states.faces.resize(states.faces.len() + end - start, labels);
                 }
                 start = end;
             }
         }
+        (states.parts, states.materials) = (parts.list, materials.list);
         states
     }
 
@@ -329,13 +339,27 @@ impl States {
     }
 }
 
-/// The place of a value in a list, added at the end if it is new. The newest is looked at first: files repeat it.
-fn label<T: PartialEq + Clone>(list: &mut Vec<T>, value: &T) -> u32 {
-    let known = list.iter().rposition(|known| known == value);
-    known.unwrap_or_else(|| {
-        list.push(value.clone());
-        list.len() - 1
-    }) as u32
+/// Distinct values, numbered by first appearance.
+struct Labels<T> {
+    list: Vec<T>,
+    numbers: HashMap<T, u32>,
+}
+
+impl<T: Eq + Hash + Clone> Labels<T> {
+    fn new() -> Self {
+        Self { list: Vec::new(), numbers: HashMap::new() }
+    }
+
+    /// The number of a value.
+    fn of(&mut self, value: &T) -> u32 {
+        if let Some(&known) = self.numbers.get(value) {
+            return known;
+        }
+        let new = self.list.len() as u32;
+        self.list.push(value.clone());
+        self.numbers.insert(value.clone(), new);
+        new
+    }
 }
 
 /// The text of the material libraries that can be found.
@@ -357,7 +381,8 @@ fn read_libraries(folder: Option<&Path>, names: &[String], warnings: &mut Vec<St
                 }
             }
             _ => {
-                warnings.push(format!("the material library '{name}' could not be read; only material names are kept"))
+                let message = format!("the material library '{name}' could not be read; only material names are kept");
+                warnings.push(message);
             }
         }
     }

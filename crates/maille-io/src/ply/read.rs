@@ -346,7 +346,7 @@ impl<'a> Reader<'a> {
         let materials = self.finish_faces(&header.notes);
         self.warnings.extend(self.rounding.warning(&self.mesh));
         let vertex_count = self.mesh.vertex_count();
-        let mut asset = settled(String::new(), self.mesh, self.warnings)?;
+        let mut asset = settled("", self.mesh, self.warnings)?;
         asset.source = Source::Ply(Box::new(PlySource {
             notes: header.notes,
             vertex: self.source_vertex,
