@@ -197,9 +197,9 @@ pub(crate) fn write(asset: &Asset, output: &mut Output<'_>, options: &WriteOptio
     let mesh = flattened(asset);
     let mut stream = output.main()?;
     if options.text {
-        write_text(&mut stream, &mesh)?
+        write_text(&mut stream, &mesh)?;
     } else {
-        write_binary(&mut stream, &mesh)?
+        write_binary(&mut stream, &mesh)?;
     }
     output.finish(stream)
 }

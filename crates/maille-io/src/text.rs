@@ -79,7 +79,7 @@ impl<'a> Words<'a> {
 
     fn word(&mut self) -> Option<&'a [u8]> {
         let start = self.at;
-        while self.text.get(self.at).is_some_and(|&b| !b.is_ascii_whitespace() && !(b == b'#' && self.comments)) {
+        while self.text.get(self.at).is_some_and(|&b| !(b.is_ascii_whitespace() || b == b'#' && self.comments)) {
             self.at += 1;
         }
         (self.at > start).then(|| &self.text[start..self.at])
