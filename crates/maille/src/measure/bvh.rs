@@ -10,7 +10,8 @@ use rayon::prelude::*;
 use super::triangle::{OnTriangle, closest_on_triangle};
 use crate::Mesh;
 
-/// Most triangles in a leaf. Tuned on a torus of a million triangles: 2 and 8 are slower, 2 takes more memory too.
+/// Most triangles in a leaf. On a noisy torus of a million triangles 2, 3, 4 and 6 give 1.57, 1.47, 1.33 and 1.23 million
+/// searches a second at 52, 46, 35 and 30 bytes per triangle. Testing each triangle's own box first does not pay.
 const LEAF_SIZE: usize = 4;
 /// Bins of the split search; 8 to 32 give nearly the same trees.
 const BINS: usize = 16;
@@ -59,7 +60,7 @@ struct Slot {
 /// positions can have works: boxes are rounded outwards in a frame of their own, distances are `f64`.
 ///
 /// Cost: O(n log n) time and some 35 bytes per triangle (and twice that while it is built); a query near the surface
-/// takes O(log n) time, about half a microsecond with a good guess (see [`Searcher`]).
+/// takes O(log n) time, less than a microsecond with a good guess (see [`Searcher`]).
 ///
 /// The tree is the same for any number of threads. Splits: Wald, "On fast construction of SAH-based bounding volume
 /// hierarchies", 2007 (16 bins along the longest side); four children to a node.
