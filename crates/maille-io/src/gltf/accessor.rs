@@ -86,6 +86,11 @@ impl Layout {
         (0..self.shape.components()).map(|i| i / rows * column + i % rows * width).collect()
     }
 
+    /// Bytes from one element to the next in vertex data, where elements start at multiples of four.
+    pub(super) fn stride(self) -> usize {
+        self.size().next_multiple_of(4)
+    }
+
     /// Bytes of an element, with the padding of its columns.
     pub(super) fn size(self) -> usize {
         let columns = self.shape.components() / self.shape.rows();

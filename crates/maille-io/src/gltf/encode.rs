@@ -6,6 +6,7 @@ use maille::{Attribute, Mesh, Semantic};
 use serde_json::{Value, json};
 
 use super::accessor::{Layout, Shape, bounds_of, component_code};
+use crate::color::recoded;
 
 /// What a buffer view is for, by glTF's numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,7 +28,7 @@ pub(super) struct Encoded {
 impl Encoded {
     /// Vertex data.
     fn floats(layout: Layout, values: &[f32]) -> Self {
-        let stride = layout.size().next_multiple_of(4);
+        let stride = layout.stride();
         let offsets = layout.offsets();
         let elements = values.chunks_exact(layout.shape.components());
         let count = elements.len();
@@ -88,7 +89,7 @@ impl Encoded {
     /// The JSON of the buffer view, without its place in the buffer.
     pub(super) fn view(&self) -> Value {
         let mut json = json!({ "buffer": 0, "byteOffset": 0, "byteLength": self.bytes.len() });
-        let stride = self.layout.size().next_multiple_of(4);
+        let stride = self.layout.stride();
         if self.target == Target::Vertices && stride != self.layout.size() {
             json["byteStride"] = json!(stride);
         }
@@ -254,11 +255,7 @@ fn encode_attribute(name: &str, attribute: &Attribute, quantized: bool) -> Vec<(
     let encoded = match &attribute.values {
         Values::U32(labels) => encode_labels(labels, shape, attribute),
         Values::F32(values) if attribute.storage.srgb && matches!(attribute.semantic, Semantic::Color(_)) => {
-            let linear: Vec<f32> = values
-                .iter()
-                .enumerate()
-                .map(|(i, &v)| if i % 4 == 3 && shape == Shape::Vec4 { v } else { to_linear(v) })
-                .collect();
+            let linear = recoded(values, attribute.components, false);
             // 16 bits hold every linear value that 8 bits of sRGB can name
             let integers = attribute.storage.component != ComponentType::F32;
             let layout = Layout { component: ComponentType::U16, normalized: true, shape };
@@ -309,12 +306,6 @@ fn stored_layout(attribute: &Attribute, shape: Shape, quantized: bool) -> Layout
         Semantic::Custom(_) => unsigned || is_signed(layout),
     };
     if allowed { layout } else { Layout::floats(shape) }
-}
-
-/// From sRGB to linear, IEC 61966-2-1.
-fn to_linear(value: f32) -> f32 {
-    let value = f64::from(value);
-    (if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }) as f32
 }
 
 /// Makes normals unit vectors, and tangents unit vectors with a sign; where there is no direction at all, a normal gets

@@ -83,14 +83,14 @@ fn broken(what: &str) -> Fault {
     Fault::new(format!("the compressed {what} are damaged"))
 }
 
-fn decode_indices<T: meshopt::IndexType + Clone + Default>(
+fn decode_indices<T>(
     mode: &str,
     bytes: &[u8],
     count: usize,
     to_bytes: impl Fn(&T) -> <T as Bytes>::Array,
 ) -> Checked<Vec<u8>>
 where
-    T: Bytes,
+    T: Bytes + meshopt::IndexType + Clone + Default,
 {
     // at least one byte for each triangle or index
     let least = if mode == "TRIANGLES" { count / 3 } else { count };

@@ -33,7 +33,8 @@ impl<'a> Rows<'a> {
     /// Checks that as many rows as the header claims can be there at all.
     pub(super) fn check_count(&self, element: &Element) -> Result<usize, ReadError> {
         let stride = element.least_stride();
-        if element.count.saturating_mul(stride as u64) <= self.bytes.len() as u64 && element.count < u32::MAX.into() {
+        if element.count.saturating_mul(stride as u64) <= self.bytes.len() as u64 && element.count < u64::from(u32::MAX)
+        {
             return Ok(element.count as usize);
         }
         Err(too_few(element, self.bytes.len()).at(Place::Byte(self.offset.unwrap_or(0) as u64)))
