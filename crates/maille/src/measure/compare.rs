@@ -18,8 +18,8 @@ use crate::{Control, Mesh};
 /// How to compare.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CompareOptions {
-    /// Samples on each of the two surfaces, spread evenly over its area. The figures of two runs with different seeds
-    /// differ by far less than a percent with the default.
+    /// Samples on each of the two surfaces, spread evenly over its area. Means of two runs with different seeds mostly
+    /// differ by far less than a percent with the default; by some percent where nearly all the error sits in few triangles.
     pub samples: u64,
     /// Moves the samples.
     pub seed: u64,
@@ -84,7 +84,8 @@ pub struct Deviation {
     pub mean: f64,
     /// Root of the mean square over the area.
     pub rms: f64,
-    /// Largest over all samples and all vertices (and edges, if asked for).
+    /// Largest over all samples and all vertices (and edges, if asked for): a lower bound of the true maximum. On scans
+    /// halved in triangles, 500,000 samples fall up to a tenth short of what 5 million find, rarely more.
     pub max: f64,
     /// The point of this surface that is farthest from the other one.
     pub max_from: [f64; 3],
