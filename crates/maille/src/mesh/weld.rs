@@ -11,7 +11,7 @@ use crate::topology::UnionFind;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WeldOptions {
     /// Largest distance between two vertices that are merged, in model units. 0 merges only equal positions (bit by
-    /// bit, except that -0 equals 0).
+    /// bit, except that -0 equals 0), and so do numbers below it and NaN.
     pub tolerance: f64,
     /// Also merges wedges of one vertex whose attributes and morph targets all agree: every float within this absolute
     /// difference (0: the same bits), every integer the same. `None` leaves the wedges alone.
@@ -52,7 +52,7 @@ impl Mesh {
     /// Wedges within a tolerance merge greedily: each into the first of the last 64 kept ones of its vertex that
     /// agrees with it.
     ///
-    /// Cost: linear and some 12 bytes per vertex for equal positions; O(n log n) and some 28 bytes per vertex with a
+    /// Cost: linear and some 12 bytes per vertex for equal positions; O(n log n) and some 36 bytes per vertex with a
     /// tolerance.
     ///
     /// ```

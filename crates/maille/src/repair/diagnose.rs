@@ -100,7 +100,7 @@ impl Diagnosis {
 /// Counts the defects of a mesh and what its surface is, over vertices: seams of attributes do not show. A triangle soup
 /// that was not welded is all boundary.
 ///
-/// Cost: linear but for sorting the edges around each vertex; 72 bytes per triangle for a while.
+/// Cost: linear but for sorting the edges around each vertex; some 52 bytes per triangle for a while.
 ///
 /// # Panics
 /// If [`Mesh::check`] fails.

@@ -213,7 +213,7 @@ impl RepairReport {
 
 /// Applies repairs in their order and reports what they changed. What they leave keeps its order.
 ///
-/// Cost: each is linear but for sorting the edges around each vertex; 72 bytes per triangle for a while at most.
+/// Cost: each is linear but for sorting the edges around each vertex; some 52 bytes per triangle for a while.
 ///
 /// # Panics
 /// If [`Mesh::check`] fails.
