@@ -103,7 +103,7 @@ fn read_text(words: &mut Words<'_>, kind: Kind) -> Result<Parts, ReadError> {
     while words.next_in_line().is_some() {}
     // a coordinate and what separates it take two bytes, a face of no corners, too
     let least = vertices.saturating_mul(6).saturating_add(faces.saturating_mul(2)).saturating_sub(1);
-    if least > words.remaining() as u64 || vertices >= u32::MAX.into() {
+    if least > words.remaining() as u64 || vertices >= u64::from(u32::MAX) {
         let message =
             format!("{vertices} vertices and {faces} faces are claimed, but {} bytes follow", words.remaining());
         return Err(words.error(message).with_remedy("the file has been cut short: fetch it again"));

@@ -567,7 +567,7 @@ fn load_triangles(
     vertex_count: u64,
 ) -> bool {
     const ROWS: usize = 1 << 14;
-    let limit = vertex_count.min(u32::MAX.into()) as u32;
+    let limit = vertex_count.min(u64::from(u32::MAX)) as u32;
     let load = |bytes: &[u8]| {
         let bytes = *bytes.first_chunk().expect("a row of a triangle holds three indices");
         if table.big_endian { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) }
