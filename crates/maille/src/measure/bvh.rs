@@ -10,8 +10,8 @@ use rayon::prelude::*;
 use super::triangle::{OnTriangle, closest_on_triangle};
 use crate::Mesh;
 
-/// Most triangles in a leaf. On a noisy torus of a million triangles 2, 3, 4 and 6 give 1.57, 1.47, 1.33 and 1.23 million
-/// searches a second at 52, 46, 35 and 30 bytes per triangle. Testing each triangle's own box first does not pay.
+/// Most triangles in a leaf. On a noisy torus of a million triangles 2, 3, 4 and 6 give 1.57, 1.47, 1.33 and 1.23
+/// million searches a second at 52, 46, 35 and 30 bytes per triangle. Testing each triangle's own box first does not pay.
 const LEAF_SIZE: usize = 4;
 /// Bins of the split search; 8 to 32 give nearly the same trees.
 const BINS: usize = 16;
@@ -245,8 +245,8 @@ impl Query {
     }
 }
 
-/// The frame of the boxes: the origin at the middle of the mesh, its largest extent between 1 and 2. Scaling is by a power of
-/// two, and so exact.
+/// The frame of the boxes: the origin at the middle of the mesh, its largest extent between 1 and 2. Scaling is by a
+/// power of two, and so exact.
 #[derive(Debug, Clone, Copy)]
 struct Frame {
     low: DVec3,

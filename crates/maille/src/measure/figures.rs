@@ -102,7 +102,8 @@ pub struct Quality {
     pub min_angle_deg: f64,
     /// Mean over the triangles of each one's smallest angle, in degrees; 60 at best.
     pub mean_angle_deg: f64,
-    /// Mean over the triangles of 4 sqrt(3) area / (sum of squared edges): 1 for equilateral ones, 0 for degenerate ones.
+    /// Mean over the triangles of 4 sqrt(3) area / (sum of squared edges): 1 for equilateral ones, 0 for
+    /// degenerate ones.
     pub mean_shape: f64,
     /// Mean of longest edge over shortest altitude, times sqrt(3)/2 (1 for equilateral ones), over the triangles that
     /// have an area.

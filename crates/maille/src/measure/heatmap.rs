@@ -33,7 +33,8 @@ pub fn viridis(share: f32) -> [f32; 3] {
 }
 
 /// A copy of a mesh whose colours show a distance at each vertex (see
-/// [`distances_at_vertices`](super::distances_at_vertices)): dark violet at `range[0]`, yellow at `range[1]` and beyond.
+/// [`distances_at_vertices`](super::distances_at_vertices)): dark violet at `range[0]`, yellow at `range[1]` and
+/// beyond.
 ///
 /// The distances are also there as numbers, as the vertex attribute `distance`. Normals are kept; texture coordinates,
 /// materials and blend shapes, which would hide the colours, are not.

@@ -5,8 +5,8 @@ use glam::DVec3;
 use super::triangle::{at, scaled_normal};
 use crate::Mesh;
 
-/// Steps of the additive recurrence in the unit square: powers of 1/g with g^3 = g + 1, whose discrepancy is low for every
-/// number of points (Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018). The same with a third
+/// Steps of the additive recurrence in the unit square: powers of 1/g with g^3 = g + 1, whose discrepancy is low for
+/// every number of points (Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018). The same with a third
 /// power for the stratum was tried: its error in the square is two to three times as large.
 const SQUARE_STEPS: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
 /// The same in one dimension, for the place within the stratum: the golden section.

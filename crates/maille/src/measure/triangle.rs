@@ -22,7 +22,8 @@ pub(super) fn at([a, b, c]: [DVec3; 3], [u, v, w]: [f64; 3]) -> DVec3 {
 /// products of the usual region test, which cancel on needles: corners are `f32`, so their differences, and nearly
 /// the normal, are exact in `f64`. Without a normal (a needle beyond that, a point) the three edges are the triangle.
 ///
-/// Forced into its callers: corners passed by memory cost a search near the surface 12 % of its time, one farther away 25 %.
+/// Forced into its callers: corners passed by memory cost a search near the surface 12 % of its time, one farther
+/// away 25 %.
 #[inline(always)]
 pub(super) fn closest_on_triangle(p: DVec3, corners @ [a, b, c]: [DVec3; 3]) -> OnTriangle {
     let (ab, ac, ap) = (b - a, c - a, p - a);
