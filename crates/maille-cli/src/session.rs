@@ -53,10 +53,25 @@ impl Session {
         Control::new(Some(&*self.report), Some(&CANCELLED))
     }
 
+    /// For algorithms that are a small part of the work: stops them on Ctrl-C, shows nothing.
+    pub(crate) fn quiet_control(&self) -> Control<'static> {
+        Control::new(None, Some(&CANCELLED))
+    }
+
+    /// Shows how far work is that consists of several algorithms.
+    pub(crate) fn progress(&self, stage: &str, done: f32) {
+        self.progress.report(stage, done);
+    }
+
+    /// Stops here if Ctrl-C came.
+    pub(crate) fn cancelled(&self) -> Result<(), Failure> {
+        if CANCELLED.load(Ordering::SeqCst) { Err(Failure::Cancelled) } else { Ok(()) }
+    }
+
     /// Clears the progress bar of what just ended and stops here if Ctrl-C came.
     pub(crate) fn checkpoint(&self) -> Result<(), Failure> {
         self.progress.finish();
-        if CANCELLED.load(Ordering::SeqCst) { Err(Failure::Cancelled) } else { Ok(()) }
+        self.cancelled()
     }
 
     /// Shows that something is going on that cannot tell how far it is, until the result is dropped.

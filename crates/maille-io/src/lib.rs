@@ -11,6 +11,7 @@ mod flatten;
 mod format;
 mod gltf;
 mod input;
+mod look;
 mod obj;
 mod off;
 mod output;
@@ -25,6 +26,7 @@ mod wedges;
 pub use asset::{Asset, Instance, NamedMesh};
 pub use error::{Place, ReadError, WriteError};
 pub use format::Format;
+pub use look::{Look, Texture};
 pub use process::{AssetOptions, AssetReport, ProcessError, find_attribute, simplify_asset};
 
 use std::path::Path;

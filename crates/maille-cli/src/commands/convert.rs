@@ -12,7 +12,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     super::check_output(&args.output)?;
     let session = Session::start(&args.common)?;
     let asset = session.read(&args.input)?;
-    session.write(&asset, &args.output, &WriteOptions { text: args.text })?;
+    session.write(&asset, &args.output, &WriteOptions { text: args.text, ..WriteOptions::default() })?;
     if args.common.json {
         return Ok(output::print_json(&json!({
             "input": args.input.display().to_string(),

@@ -17,11 +17,11 @@ const KEY_SIDE: usize = 512;
 /// Meshes above this size get fewer lamps: each lamp draws every triangle once.
 const MANY_TRIANGLES: usize = 600_000;
 
-const KEY_RADIANCE: Vec3 = Vec3::new(2.05, 1.95, 1.80);
-const ZENITH: Vec3 = Vec3::new(0.80, 0.87, 1.00);
-const HORIZON: Vec3 = Vec3::new(0.62, 0.60, 0.58);
+const KEY_RADIANCE: Vec3 = Vec3::new(1.30, 1.24, 1.14);
+const ZENITH: Vec3 = Vec3::new(0.52, 0.57, 0.66);
+const HORIZON: Vec3 = Vec3::new(0.40, 0.39, 0.37);
 /// Light from everywhere that nothing blocks: what bounces around.
-const BOUNCE: Vec3 = Vec3::new(0.085, 0.08, 0.08);
+const BOUNCE: Vec3 = Vec3::new(0.06, 0.056, 0.055);
 
 struct Lamp {
     /// Towards the lamp.

@@ -1,10 +1,18 @@
 //! What is drawn: triangles in a world of radius 1 around the origin, y up.
 
-use glam::{DMat3, DVec3, Vec3};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use glam::{DMat3, DVec3, Vec2, Vec3};
+use maille::mesh::NormalOptions;
 use maille::{Mesh, Semantic};
-use maille_io::Asset;
+use maille_io::{Asset, Instance};
 
 use super::colour;
+
+/// Edges bent by more than this are drawn sharp where a file has no normals, in radians.
+const CREASE: f64 = 0.7;
 
 /// From the units of a file to those of the renderer. Several scenes in one frame are drawn at the same size and place.
 #[derive(Debug, Clone, Copy)]
@@ -22,6 +30,27 @@ pub(crate) struct Scene {
     /// Height of the ground.
     pub(crate) ground: f32,
     /// Linear; empty: none.
+    colours: Vec<Vec3>,
+    uvs: Vec<Vec2>,
+    /// Surface of each triangle.
+    surfaces: Vec<u32>,
+    palette: Vec<Surface>,
+}
+
+/// What a triangle is covered with.
+struct Surface {
+    /// Linear.
+    colour: Vec3,
+    /// Decoded images are shared.
+    image: Option<Arc<Image>>,
+    offset: Vec2,
+    scale: Vec2,
+}
+
+/// Linear colours, rows from the top.
+struct Image {
+    width: usize,
+    height: usize,
     colours: Vec<Vec3>,
 }
 
@@ -48,36 +77,143 @@ impl Frame {
 impl Scene {
     /// Everything that an asset draws, posed at rest.
     pub(crate) fn new(asset: &Asset, frame: &Frame) -> Self {
-        let mut scene =
-            Self { points: Vec::new(), normals: Vec::new(), triangles: Vec::new(), ground: 0.0, colours: Vec::new() };
-        let coloured = asset.meshes.iter().any(|named| colours(&named.mesh).is_some());
+        let mut scene = Self {
+            points: Vec::new(),
+            normals: Vec::new(),
+            triangles: Vec::new(),
+            ground: 0.0,
+            colours: Vec::new(),
+            uvs: Vec::new(),
+            surfaces: Vec::new(),
+            palette: Vec::new(),
+        };
+        let meshes: Vec<Cow<'_, Mesh>> = asset.meshes.iter().map(|named| with_normals(&named.mesh)).collect();
+        let coloured = meshes.iter().any(|mesh| colours(mesh).is_some());
+        let mut wardrobe = Wardrobe::new(asset, coloured);
         for instance in &asset.instances {
-            let mesh = &asset.meshes[instance.mesh].mesh;
-            let first = scene.points.len() as u32;
-            let normals = normals(mesh);
-            for (wedge, normal) in normals.iter().enumerate() {
-                scene.points.push(frame.point(instance.posed_wedge(mesh, wedge)));
-                let linear = DMat3::from_mat4(instance.wedge_matrix(mesh, wedge));
-                let normal = turned(linear, normal.as_dvec3());
-                scene.normals.push(frame.direction(normal.normalize_or_zero()));
-            }
-            scene.triangles.extend(mesh.triangles.iter().map(|t| t.map(|w| first + w)));
-            if coloured {
-                let own = colours(mesh).unwrap_or_else(|| vec![Vec3::ONE; mesh.wedge_count()]);
-                scene.colours.extend(own);
-            }
+            scene.add(instance, &meshes[instance.mesh], frame, coloured, &mut wardrobe);
         }
+        scene.palette = wardrobe.palette;
         scene.ground = scene.points.iter().map(|p| p.y).filter(|y| y.is_finite()).fold(f32::INFINITY, f32::min);
         scene
+    }
+
+    fn add(&mut self, instance: &Instance, mesh: &Mesh, frame: &Frame, coloured: bool, wardrobe: &mut Wardrobe<'_>) {
+        let first = self.points.len() as u32;
+        let normals = mesh.wedge_attribute(&Semantic::Normal).and_then(|a| a.as_f32()).unwrap_or_default();
+        for (wedge, normal) in normals.chunks_exact(3).enumerate() {
+            self.points.push(frame.point(instance.posed_wedge(mesh, wedge)));
+            let linear = DMat3::from_mat4(instance.wedge_matrix(mesh, wedge));
+            let normal = turned(linear, Vec3::from_slice(normal).as_dvec3());
+            self.normals.push(frame.direction(normal.normalize_or_zero()));
+        }
+        self.triangles.extend(mesh.triangles.iter().map(|t| t.map(|w| first + w)));
+        if coloured {
+            self.colours.extend(colours(mesh).unwrap_or_else(|| vec![Vec3::ONE; mesh.wedge_count()]));
+        }
+        let slots = mesh.triangle_materials.iter().max().map_or(1, |&slot| slot + 1);
+        let surfaces: Vec<(u32, u32)> = (0..slots).map(|slot| wardrobe.surface(instance.mesh, slot)).collect();
+        // a mesh whose slots use several sets of coordinates is drawn with the first textured one's
+        let set = surfaces.iter().map(|surface| surface.1).find(|&set| set != NO_SET).unwrap_or(0);
+        let uvs = mesh.wedge_attribute(&Semantic::TexCoord(set)).and_then(|a| a.as_f32());
+        match uvs {
+            Some(uvs) => self.uvs.extend(uvs.chunks_exact(2).map(Vec2::from_slice)),
+            None => self.uvs.extend(std::iter::repeat_n(Vec2::ZERO, mesh.wedge_count())),
+        }
+        let surface = |t: usize| surfaces[mesh.triangle_material(t) as usize].0;
+        self.surfaces.extend((0..mesh.triangle_count()).map(surface));
     }
 
     /// Colour of a triangle at a point given by barycentric weights, linear.
     pub(crate) fn albedo(&self, triangle: usize, weights: Vec3) -> Vec3 {
         let ids = self.triangles[triangle];
-        if self.colours.is_empty() {
-            return super::shade::CLAY;
+        let surface = &self.palette[self.surfaces[triangle] as usize];
+        let mut colour = surface.colour;
+        if !self.colours.is_empty() {
+            colour *= (0..3).map(|i| weights[i] * self.colours[ids[i] as usize]).sum::<Vec3>();
         }
-        (0..3).map(|i| weights[i] * self.colours[ids[i] as usize]).sum()
+        if let Some(image) = &surface.image {
+            let uv = (0..3).map(|i| weights[i] * self.uvs[ids[i] as usize]).sum::<Vec2>();
+            colour *= image.colour_at(surface.offset + surface.scale * uv);
+        }
+        colour
+    }
+}
+
+/// No texture, so no set of coordinates.
+const NO_SET: u32 = u32::MAX;
+
+/// The surfaces of an asset, each made once.
+struct Wardrobe<'a> {
+    asset: &'a Asset,
+    coloured: bool,
+    palette: Vec<Surface>,
+    images: BTreeMap<usize, Option<Arc<Image>>>,
+    known: BTreeMap<(usize, u32), (u32, u32)>,
+}
+
+impl<'a> Wardrobe<'a> {
+    fn new(asset: &'a Asset, coloured: bool) -> Self {
+        Self { asset, coloured, palette: Vec::new(), images: BTreeMap::new(), known: BTreeMap::new() }
+    }
+
+    /// Index of the surface of a slot, and the set of texture coordinates it uses.
+    fn surface(&mut self, mesh: usize, slot: u32) -> (u32, u32) {
+        if let Some(&known) = self.known.get(&(mesh, slot)) {
+            return known;
+        }
+        let plain = if self.coloured { Vec3::ONE } else { super::shade::CLAY };
+        let mut surface = Surface { colour: plain, image: None, offset: Vec2::ZERO, scale: Vec2::ONE };
+        let mut set = NO_SET;
+        if let Some(look) = self.asset.look(mesh, slot) {
+            let tint = Vec3::from_slice(&look.base_color[..3]).clamp(Vec3::ZERO, Vec3::ONE);
+            // what is pure white and bare would only glare
+            let bare = look.texture.is_none() && !self.coloured && tint == Vec3::ONE;
+            surface.colour = if bare { plain } else { tint };
+            if let Some(texture) = look.texture {
+                surface.image =
+                    self.images.entry(texture.image).or_insert_with(|| Image::decode(&texture.bytes)).clone();
+                (surface.offset, surface.scale) = (texture.offset.into(), texture.scale.into());
+                set = texture.set;
+            }
+        }
+        self.palette.push(surface);
+        let entry = (self.palette.len() as u32 - 1, set);
+        self.known.insert((mesh, slot), entry);
+        entry
+    }
+}
+
+impl Image {
+    /// Pixels along the longer side: more than a picture shows.
+    const MOST: u32 = 1024;
+
+    /// `None` for what is no PNG or JPEG.
+    fn decode(bytes: &[u8]) -> Option<Arc<Self>> {
+        let image = image::load_from_memory(bytes).ok()?;
+        let longest = image.width().max(image.height());
+        let image = if longest > Self::MOST { image.thumbnail(Self::MOST, Self::MOST) } else { image };
+        let image = image.to_rgb8();
+        let to_linear: Vec<f32> = (0..256).map(|byte| colour::linear(Vec3::splat(byte as f32 / 255.0)).x).collect();
+        let colours = image.pixels().map(|p| Vec3::from_array(p.0.map(|byte| to_linear[usize::from(byte)]))).collect();
+        Some(Arc::new(Self { width: image.width() as usize, height: image.height() as usize, colours }))
+    }
+
+    /// Blends the four pixels around a place; the image repeats.
+    fn colour_at(&self, uv: Vec2) -> Vec3 {
+        let size = Vec2::new(self.width as f32, self.height as f32);
+        let place = (uv - uv.floor()) * size - 0.5;
+        let (low, part) = (place.floor(), place - place.floor());
+        if !low.is_finite() {
+            return Vec3::ONE;
+        }
+        let pixel = |dx: i64, dy: i64| {
+            let column = (low.x as i64 + dx).rem_euclid(self.width as i64) as usize;
+            let row = (low.y as i64 + dy).rem_euclid(self.height as i64) as usize;
+            self.colours[row * self.width + column]
+        };
+        let upper = pixel(0, 0).lerp(pixel(1, 0), part.x);
+        upper.lerp(pixel(0, 1).lerp(pixel(1, 1), part.x), part.y)
     }
 }
 
@@ -87,18 +223,14 @@ fn turned(linear: DMat3, normal: DVec3) -> DVec3 {
     DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)) * normal
 }
 
-/// Normal of each wedge: the mesh's own, or smooth ones.
-fn normals(mesh: &Mesh) -> Vec<Vec3> {
-    if let Some(own) = mesh.wedge_attribute(&Semantic::Normal).and_then(|a| a.as_f32()) {
-        return own.chunks_exact(3).map(Vec3::from_slice).collect();
+/// The mesh with normals: its own, or smooth ones with creases.
+fn with_normals(mesh: &Mesh) -> Cow<'_, Mesh> {
+    if mesh.wedge_attribute(&Semantic::Normal).is_some_and(|a| a.as_f32().is_some() && a.components == 3) {
+        return Cow::Borrowed(mesh);
     }
-    let mut sums = vec![DVec3::ZERO; mesh.vertex_count()];
-    for triangle in 0..mesh.triangle_count() {
-        let [a, b, c] = mesh.triangle_points(triangle);
-        let area = (b - a).cross(c - a);
-        mesh.triangle_vertices(triangle).into_iter().for_each(|v| sums[v as usize] += area);
-    }
-    mesh.wedge_vertices.iter().map(|&v| sums[v as usize].normalize_or_zero().as_vec3()).collect()
+    let mut mesh = mesh.clone();
+    mesh.compute_normals(&NormalOptions { crease_angle: Some(CREASE), ..NormalOptions::default() });
+    Cow::Owned(mesh)
 }
 
 /// Linear colour of each wedge, where the mesh has colours.

@@ -166,7 +166,7 @@ impl Painter<'_> {
             return 0.0;
         }
         let point = self.camera.position + reach * ray;
-        let fade = 1.0 - smooth_step(1.2, 3.2, Vec2::new(point.x, point.z).length());
+        let fade = 1.0 - smooth_step(0.9, 2.4, Vec2::new(point.x, point.z).length());
         if fade > 0.0 { fade * self.lighting.shadow(point) } else { 0.0 }
     }
 }

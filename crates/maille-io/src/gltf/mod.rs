@@ -16,6 +16,7 @@ mod draco;
 mod encode;
 mod fresh;
 mod json;
+mod look;
 mod meshopt;
 mod package;
 mod primitive;
