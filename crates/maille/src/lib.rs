@@ -10,6 +10,7 @@
 pub mod control;
 pub mod measure;
 pub mod mesh;
+mod prefetch;
 pub mod repair;
 pub mod samples;
 pub mod simplify;

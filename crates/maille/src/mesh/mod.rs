@@ -2,6 +2,7 @@
 
 mod attribute;
 mod normals;
+mod order;
 pub mod shapes;
 mod tangents;
 mod weld;

@@ -114,7 +114,7 @@ impl Features {
 fn edge_flags(mesh: &Mesh, faces: &CollapseMesh, options: &SimplifyOptions) -> Vec<u8> {
     let wanted = |policy: EdgePolicy, flag: u8| if policy == EdgePolicy::Free { 0 } else { flag };
     let border = wanted(options.boundary, BORDER);
-    let has_wedges = mesh.wedge_count() != mesh.vertex_count();
+    let has_wedges = mesh.wedge_count() != faces.vertex_count();
     let seam = if has_wedges { wanted(options.seams, SEAM) } else { 0 };
     let material = if mesh.triangle_materials.is_empty() { 0 } else { wanted(options.material_borders, MATERIAL) };
     let mut flags = vec![0; faces.edge_count()];

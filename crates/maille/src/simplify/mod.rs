@@ -41,8 +41,8 @@ use crate::{Control, Mesh};
 ///
 /// Any triangle mesh will do: non-manifold edges and vertices, open borders, several components. Wedges merge by the
 /// continuity across the vanishing triangles, attributes are blended; those of untouched wedges keep their bits. The
-/// result is compacted: no unused vertices or wedges, everything in its old order. Triangles that name a vertex twice
-/// are dropped.
+/// result has no unused vertices or wedges and is in spatial order ([`Mesh::sort_spatially`]). Triangles that name a
+/// vertex twice are dropped.
 ///
 /// Units: `max_error` and the reported error are distances in model units. Cost: O(n log n) time.
 ///
@@ -72,13 +72,15 @@ pub fn simplify(
     mesh.check()?;
     check_options(mesh, options)?;
     let triangles_in = mesh.triangle_count();
-    let vertices = (0..triangles_in).map(|t| mesh.triangle_vertices(t));
-    let mut faces = CollapseMesh::new(mesh.positions.clone(), vertices);
+    let (mut work, options) = sorted(mesh, options);
+    let corners = (0..triangles_in).map(|t| work.triangle_vertices(t));
+    let mut faces = CollapseMesh::new(&work.positions, corners);
     if let Some(distance) = options.join_distance {
-        faces.add_pairs(&pairs::close_pairs(&mesh.positions, distance));
+        faces.add_pairs(&pairs::close_pairs(&work.positions, distance));
     }
-    let mut features = Features::new(mesh, &faces, options);
-    let mut wedges = WedgeMerger::new(mesh, options);
+    work.positions = Vec::new();
+    let mut features = Features::new(&work, &faces, &options);
+    let mut wedges = WedgeMerger::new(work, &options);
     let unit = faces.frame().unit();
     let request = Request {
         target_faces: options.target.triangles.unwrap_or(0),
@@ -91,7 +93,7 @@ pub fn simplify(
         },
         importance: &options.importance,
     };
-    let outcome = match quadric_options(options) {
+    let outcome = match quadric_options(&options) {
         None => {
             let mut metric = ShortestEdge::new(options.placement);
             collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
@@ -101,7 +103,7 @@ pub fn simplify(
             collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
         }
     }?;
-    wedges.finish(faces, mesh);
+    *mesh = wedges.finish(faces);
     Ok(SimplifyReport {
         triangles_in,
         triangles_out: mesh.triangle_count(),
@@ -110,6 +112,22 @@ pub fn simplify(
         stopped: outcome.stopped,
         refused: outcome.refused,
     })
+}
+
+/// A copy of the mesh in spatial order, and the options with their lists in the same order.
+///
+/// Neighbours that are near in memory are worth more than any other choice of layout; input that is in order already
+/// loses little.
+fn sorted(mesh: &Mesh, options: &SimplifyOptions) -> (Mesh, SimplifyOptions) {
+    let (mut mesh, mut options) = (mesh.clone(), options.clone());
+    let order = mesh.sort_spatially();
+    if !options.locked.is_empty() {
+        options.locked = order.iter().map(|&v| options.locked[v as usize]).collect();
+    }
+    if !options.importance.is_empty() {
+        options.importance = order.iter().map(|&v| options.importance[v as usize]).collect();
+    }
+    (mesh, options)
 }
 
 /// The options of the quadric metrics, `None` for the metric that has no quadrics.

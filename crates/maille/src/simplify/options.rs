@@ -63,14 +63,21 @@ pub enum PlacementKind {
     Midpoint,
     /// Where the quadric is least; where it is singular, the least-squares point nearest the middle, else the best
     /// point of the segment, else the better end point.
-    #[default]
     Optimal,
+    /// As [`Optimal`](Self::Optimal), among the points that leave the volume under the surface as it is (Lindstrom and
+    /// Turk 1998), unless that costs much more.
+    #[default]
+    OptimalVolume,
 }
 
 impl PlacementKind {
     /// All placements with the names the command line gives them.
-    pub const NAMES: [(&'static str, Self); 3] =
-        [("subset", Self::Subset), ("midpoint", Self::Midpoint), ("optimal", Self::Optimal)];
+    pub const NAMES: [(&'static str, Self); 4] = [
+        ("subset", Self::Subset),
+        ("midpoint", Self::Midpoint),
+        ("optimal", Self::Optimal),
+        ("optimal-volume", Self::OptimalVolume),
+    ];
 }
 
 /// What happens to edges of one sort: open borders, seams of attributes, borders between materials.

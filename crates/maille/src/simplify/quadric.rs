@@ -16,7 +16,7 @@ pub struct Quadric {
 
 /// Share of the mean eigenvalue that pulls an optimum towards the start point: what decides along directions in which
 /// the planes decide nothing. See [`Quadric::minimize_near`].
-const PULL: f64 = 1e-5;
+const PULL: f64 = 1e-9;
 
 impl Quadric {
     /// Squared distance to the plane through `point` with unit normal `normal`, times `weight`.
@@ -51,32 +51,43 @@ impl Quadric {
 
     /// The point of least Q, as near to `start` as the planes leave open.
     ///
-    /// Solves `(A + e I)(p - start) = -(A start + b)` with e a 1e-5th of the trace: with three independent directions
-    /// that is the minimum (to 1e-5 of its distance), and where A is singular (all planes parallel, or all through one
-    /// line) the least-squares solution nearest to `start`. `None` when there are no planes.
+    /// Solves `(A + e I)(p - start) = -(A start + b)` with a tiny e: with three independent directions that is the
+    /// minimum, and where A is singular (all planes parallel, or all through one line) the least-squares solution
+    /// nearest to `start`. `None` when there are no planes.
     #[inline]
     pub fn minimize_near(&self, start: DVec3) -> Option<DVec3> {
+        let factors = self.factors()?;
+        Some(start - factors.solve(self.half_gradient(start)))
+    }
+
+    /// As [`minimize_near`](Self::minimize_near), among the points on one plane `flux . p = level`.
+    #[inline]
+    pub fn minimize_on_plane(&self, start: DVec3, flux: DVec3, level: f64) -> Option<DVec3> {
+        let factors = self.factors()?;
+        let free = start - factors.solve(self.half_gradient(start));
+        let across = factors.solve(flux);
+        let slope = flux.dot(across);
+        // a bent star whose normals cancel has no side to be kept on
+        if slope <= 1e-6 * flux.length() {
+            return Some(free);
+        }
+        Some(free + across * ((level - flux.dot(free)) / slope))
+    }
+
+    fn factors(&self) -> Option<Factors> {
         let [xx, xy, xz, yy, yz, zz] = self.a;
         let trace = xx + yy + zz;
         if trace <= 0.0 || !trace.is_finite() {
             return None;
         }
         let pull = trace * PULL;
-        let g = self.half_gradient(start);
-        // LDL' of a symmetric positive definite matrix: no pivoting needed
-        let (d0, l10, l20) = (xx + pull, xy, xz);
-        let (r10, r20) = (l10 / d0, l20 / d0);
-        let d1 = yy + pull - r10 * l10;
-        let l21 = yz - r20 * l10;
+        let d0 = xx + pull;
+        let (r10, r20) = (xy / d0, xz / d0);
+        let d1 = yy + pull - r10 * xy;
+        let l21 = yz - r20 * xy;
         let r21 = l21 / d1;
-        let d2 = zz + pull - r20 * l20 - r21 * l21;
-        let y0 = -g.x;
-        let y1 = -g.y - r10 * y0;
-        let y2 = -g.z - r20 * y0 - r21 * y1;
-        let z = y2 / d2;
-        let y = y1 / d1 - r21 * z;
-        let x = y0 / d0 - r10 * y - r20 * z;
-        Some(start + DVec3::new(x, y, z))
+        let d2 = zz + pull - r20 * xz - r21 * l21;
+        Some(Factors { inverse: [1.0 / d0, 1.0 / d1, 1.0 / d2], r10, r20, r21 })
     }
 
     /// The point of least Q on the segment from `a` to `b`.
@@ -86,6 +97,28 @@ impl Quadric {
         let curvature = along.dot(self.half_gradient(b)) - slope;
         let t = if curvature > 0.0 { (-slope / curvature).clamp(0.0, 1.0) } else { 0.5 };
         a + along * t
+    }
+}
+
+/// `L D L'` of a symmetric positive definite matrix; no pivoting needed.
+struct Factors {
+    /// One over the diagonal of D.
+    inverse: [f64; 3],
+    r10: f64,
+    r20: f64,
+    r21: f64,
+}
+
+impl Factors {
+    #[inline]
+    fn solve(&self, g: DVec3) -> DVec3 {
+        let y0 = g.x;
+        let y1 = g.y - self.r10 * y0;
+        let y2 = g.z - self.r20 * y0 - self.r21 * y1;
+        let z = y2 * self.inverse[2];
+        let y = y1 * self.inverse[1] - self.r21 * z;
+        let x = y0 * self.inverse[0] - self.r10 * y - self.r20 * z;
+        DVec3::new(x, y, z)
     }
 }
 

@@ -22,9 +22,8 @@ use crate::topology::collapse_mesh::RingFace;
 pub struct WedgeMerger<'a> {
     /// Triangles over wedges; `None` when each vertex has one wedge, of its own number.
     triangles: Option<Vec<[u32; 3]>>,
-    wedge_attributes: Vec<Attribute>,
-    vertex_attributes: Vec<Attribute>,
-    morphs: Vec<Vec<Attribute>>,
+    /// All but the triangles and positions.
+    mesh: Mesh,
     /// Wedges whose normals are to be computed anew at the end; empty when none ever are.
     stale_normals: Vec<bool>,
     options: &'a SimplifyOptions,
@@ -75,24 +74,27 @@ impl Groups {
 }
 
 impl<'a> WedgeMerger<'a> {
-    /// Takes over the attributes of a mesh.
-    pub fn new(mesh: &Mesh, options: &'a SimplifyOptions) -> Self {
+    /// Takes over a mesh whose positions are (or will be) in a [`CollapseMesh`]; its own are not looked at.
+    pub fn new(mut mesh: Mesh, options: &'a SimplifyOptions) -> Self {
         let plain = mesh.wedge_vertices.iter().enumerate().all(|(w, &v)| w == v as usize);
         let recompute = options.normals == NormalPolicy::Recompute && mesh.wedge_attribute(&Semantic::Normal).is_some();
+        let triangles = std::mem::take(&mut mesh.triangles);
         Self {
-            triangles: (!plain).then(|| mesh.triangles.clone()),
-            wedge_attributes: mesh.wedge_attributes.clone(),
-            vertex_attributes: mesh.vertex_attributes.clone(),
-            morphs: mesh.morph_targets.iter().map(|target| target.attributes.clone()).collect(),
+            triangles: (!plain).then_some(triangles),
             stale_normals: vec![false; if recompute { mesh.wedge_count() } else { 0 }],
+            mesh,
             options,
             scratch: Groups::default(),
         }
     }
 
-    /// Writes what is left into the mesh: faces, positions, wedges, attributes, all compacted in their old order.
-    pub fn finish(mut self, faces: CollapseMesh, mesh: &mut Mesh) {
+    /// The mesh that is left: all compacted, in the order it had.
+    pub fn finish(mut self, faces: CollapseMesh) -> Mesh {
         let live: Vec<u32> = (0..faces.face_count() as u32).filter(|&f| faces.face(f as usize).is_some()).collect();
+        if !self.stale_normals.is_empty() {
+            self.recompute_normals(&faces, &live);
+        }
+        let mut mesh = self.mesh;
         let mut wedge_vertices = vec![u32::MAX; mesh.wedge_count()];
         let mut triangles = Vec::with_capacity(live.len());
         for &f in &live {
@@ -103,19 +105,13 @@ impl<'a> WedgeMerger<'a> {
             }
             triangles.push(wedges);
         }
-        if !self.stale_normals.is_empty() {
-            self.recompute_normals(&faces, &live);
-        }
+        mesh.triangles = vec![[0; 3]; faces.face_count()];
         mesh.gather_triangles(&live);
         mesh.triangles = triangles;
         mesh.positions = faces.into_positions();
         mesh.wedge_vertices = wedge_vertices;
-        mesh.wedge_attributes = self.wedge_attributes;
-        mesh.vertex_attributes = self.vertex_attributes;
-        for (target, attributes) in mesh.morph_targets.iter_mut().zip(self.morphs) {
-            target.attributes = attributes;
-        }
-        compact(mesh);
+        compact(&mut mesh);
+        mesh
     }
 
     /// Angle-weighted means of the faces that share each wedge that took part in a collapse.
@@ -133,7 +129,7 @@ impl<'a> WedgeMerger<'a> {
                 }
             }
         }
-        let normals = self.wedge_attributes.iter_mut().find(|a| a.semantic == Semantic::Normal);
+        let normals = self.mesh.wedge_attributes.iter_mut().find(|a| a.semantic == Semantic::Normal);
         let Some(values) = normals.and_then(Attribute::as_f32_mut) else { return };
         for (w, sum) in sums.iter().enumerate().filter(|&(w, _)| self.stale_normals[w]) {
             if let Some(normal) = sum.try_normalize() {
@@ -167,10 +163,10 @@ impl<'a> WedgeMerger<'a> {
 impl Observer for WedgeMerger<'_> {
     fn on_collapse(&mut self, _: &CollapseMesh, collapse: &Collapse<'_>) {
         let t = collapse.t;
-        for attribute in &mut self.vertex_attributes {
+        for attribute in &mut self.mesh.vertex_attributes {
             blend(attribute, [collapse.kept, collapse.removed], collapse.kept, t);
         }
-        if self.wedge_attributes.is_empty() && self.triangles.is_none() {
+        if self.mesh.wedge_attributes.is_empty() && self.triangles.is_none() {
             return;
         }
         self.merge_groups(collapse);
@@ -189,11 +185,9 @@ impl Observer for WedgeMerger<'_> {
                 continue;
             }
             done |= 1_u32.checked_shl(i as u32).unwrap_or(0);
-            blend_all(&mut self.wedge_attributes, [a, b], into, t, self.options.max_influences);
-            for target in &mut self.morphs {
-                for attribute in target {
-                    blend_deltas(attribute, [a, b], into, t);
-                }
+            blend_all(&mut self.mesh.wedge_attributes, [a, b], into, t, self.options.max_influences);
+            for attribute in self.mesh.morph_targets.iter_mut().flat_map(|target| &mut target.attributes) {
+                blend_deltas(attribute, [a, b], into, t);
             }
             if let Some(stale) = self.stale_normals.get_mut(into as usize) {
                 *stale = true;

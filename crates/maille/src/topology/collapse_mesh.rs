@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use crate::prefetch::prefetch;
+
 /// "None" in the index arrays.
 const NONE: u32 = u32::MAX;
 
@@ -158,12 +160,12 @@ impl CollapseMesh {
     ///
     /// # Panics
     /// If a triangle names a vertex that does not exist, or there are 2^30 triangles and more.
-    pub fn new(positions: Vec<[f32; 3]>, triangles: impl ExactSizeIterator<Item = [u32; 3]>) -> Self {
+    pub fn new(positions: &[[f32; 3]], triangles: impl ExactSizeIterator<Item = [u32; 3]>) -> Self {
         assert!(triangles.len() < 1 << 30, "face corners must fit into 32 bits");
         let mut mesh = Self {
-            frame: Frame::of(&positions),
+            frame: Frame::of(positions),
             first_corner: vec![NONE; positions.len()],
-            positions,
+            positions: positions.to_vec(),
             faces: Vec::with_capacity(triangles.len()),
             ends: Vec::new(),
             pairs: Vec::new(),
@@ -428,6 +430,27 @@ impl CollapseMesh {
         all.sort_unstable();
         all.dedup();
         self.pairs[kept as usize] = all;
+    }
+
+    /// Starts loading what [`ends`](Self::ends) needs.
+    #[inline]
+    pub(crate) fn prefetch_edge(&self, edge: u32) {
+        prefetch(&self.ends, edge as usize);
+    }
+
+    /// Starts loading what [`point`](Self::point) needs, and where the faces around the vertex begin.
+    #[inline]
+    pub(crate) fn prefetch_vertex(&self, vertex: u32) {
+        prefetch(&self.positions, vertex as usize);
+        prefetch(&self.first_corner, vertex as usize);
+    }
+
+    /// Starts loading the first of the faces around a vertex.
+    #[inline]
+    pub(crate) fn prefetch_ring(&self, vertex: u32) {
+        if let Some(&corner) = self.first_corner.get(vertex as usize) {
+            prefetch(&self.faces, (corner / 4) as usize);
+        }
     }
 
     /// Whether an edge still exists.
