@@ -1,1 +1,13 @@
-//! (under construction)
+//! Sample meshes made in code: what a newcomer sees first, and what tests and benchmarks run on without any download.
+//!
+//! All are in metres, y up, facing +z, and deterministic: the same arguments give the same bits on every run and with
+//! any number of threads.
+
+mod distance;
+mod isosurface;
+mod noise;
+mod statue;
+#[cfg(test)]
+mod testing;
+
+pub use statue::statue;

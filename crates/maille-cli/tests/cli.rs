@@ -1,0 +1,262 @@
+//! The command as a user and a script see it: exit codes, messages, JSON, files.
+
+mod support;
+
+use maille::mesh::shapes;
+use maille_io::{Asset, WriteOptions};
+use support::Folder;
+
+const COMMANDS: [&str; 10] =
+    ["info", "convert", "sample", "simplify", "compare", "repair", "render", "demo", "completions", "man"];
+
+/// A folder with a sphere of 2 048 triangles in it.
+fn with_sphere(name: &str) -> Folder {
+    let folder = Folder::new();
+    let sphere = Asset::from_mesh("sphere", shapes::sphere(4));
+    maille_io::write(&sphere, &folder.path(name), &WriteOptions::default()).expect("the sphere can be written");
+    folder
+}
+
+#[test]
+fn every_command_has_help_with_examples() {
+    let folder = Folder::new();
+    for command in COMMANDS {
+        let help = folder.done(&[command, "--help"]).stdout;
+        assert!(help.contains("Usage:") && help.contains("Example"), "{command}: {help}");
+    }
+    assert!(folder.done(&["--help"]).stdout.contains("Exit codes"));
+    assert!(folder.done(&["--version"]).stdout.starts_with("maille "));
+}
+
+#[test]
+fn wrong_usage_ends_with_2() {
+    let folder = with_sphere("a.ply");
+    for arguments in [
+        &["polish"][..],
+        &["simplify", "a.ply", "-o", "b.ply"],
+        &["simplify", "a.ply", "-o", "b.ply", "--ratio", "2"],
+        &["simplify", "a.ply", "-o", "b.ply", "--ratio", "0.5", "--metric", "none"],
+        &["simplify", "a.ply", "-o", "b.ply", "--ratio", "0.5", "--triangles", "5"],
+        &["simplify", "a.ply", "-o", "b.unknown", "--ratio", "0.5"],
+        &["repair", "a.ply", "-o", "b.ply", "--only", "polish"],
+        &["repair", "a.ply", "-o", "b.ply", "--only", "drop-degenerate", "--weld-tolerance", "1%"],
+        &["render", "a.ply", "-o", "b.jpg"],
+        &["info", "a.ply", "--threads", "0"],
+    ] {
+        let run = folder.run(arguments);
+        assert_eq!(run.code, 2, "{arguments:?}: {}", run.stderr);
+        assert!(!run.stderr.is_empty() && run.stdout.is_empty());
+    }
+    assert_eq!(folder.names(), ["a.ply"]);
+}
+
+#[test]
+fn simplify_keeps_the_contract() {
+    let folder = with_sphere("a.ply");
+    let report = folder.json(&["simplify", "a.ply", "-o", "b.ply", "--ratio", "25%", "--threads", "1"]);
+    assert_eq!((&report["triangles_in"], &report["threads"]), (&2048.into(), &1.into()));
+    assert_eq!((&report["triangles_out"], &report["stopped"]), (&512.into(), &"triangles".into()));
+    assert!(report["seconds"].as_f64().is_some_and(|seconds| seconds > 0.0));
+    assert!(report["error"].as_f64().is_some_and(|error| error > 0.0 && error < 0.1));
+    assert_eq!(report["peak_bytes"].is_u64(), cfg!(target_os = "linux"));
+    for key in ["collapses", "refused", "metric", "placement", "preset", "warnings", "diagonal"] {
+        assert!(!report[key].is_null(), "{key} is missing: {report}");
+    }
+    assert_eq!(folder.json(&["info", "b.ply"])["triangles"], 512);
+}
+
+#[test]
+fn every_metric_placement_and_preset_is_accepted() {
+    let folder = with_sphere("a.ply");
+    let names = |pairs: &[(&'static str, &str)]| pairs.to_vec();
+    let mut choices = names(&[("--preset", "fast"), ("--preset", "balanced"), ("--preset", "best")]);
+    choices.push(("--preset", "aggressive"));
+    choices.extend(maille::simplify::MetricKind::NAMES.map(|(name, _)| ("--metric", name)));
+    choices.extend(maille::simplify::PlacementKind::NAMES.map(|(name, _)| ("--placement", name)));
+    choices.extend(["uniform", "area", "angle"].map(|name| ("--weights", name)));
+    for (option, name) in choices {
+        let report = folder.json(&["simplify", "a.ply", "-o", "b.ply", "--triangles", "300", option, name]);
+        let left = report["triangles_out"].as_u64().unwrap_or(u64::MAX);
+        assert!((290..=300).contains(&left), "{option} {name}: {left}");
+    }
+}
+
+#[test]
+fn largest_error_may_be_given_in_percent_of_the_diagonal() {
+    let folder = with_sphere("a.ply");
+    let report = folder.json(&["simplify", "a.ply", "-o", "b.ply", "--max-error", "0.5%"]);
+    assert_eq!(report["stopped"], "max_error");
+    let (error, diagonal) = (report["error"].as_f64(), report["diagonal"].as_f64());
+    assert!(error <= diagonal.map(|diagonal| 0.005 * diagonal), "{report}");
+    assert!(report["triangles_out"].as_u64().is_some_and(|left| left > 4 && left < 2048));
+}
+
+#[test]
+fn compare_keeps_the_contract() {
+    let folder = with_sphere("a.ply");
+    folder.done(&["simplify", "a.ply", "-o", "b.ply", "--ratio", "0.1"]);
+    let figures = folder.json(&["compare", "a.ply", "b.ply", "--samples", "20000", "--heatmap", "heat.ply"]);
+    let number = |value: &serde_json::Value| value.as_f64().unwrap_or(f64::NAN);
+    for key in ["mean", "rms", "max"] {
+        let sides = number(&figures["forward"][key]).max(number(&figures["backward"][key]));
+        assert_eq!(number(&figures[key]), sides, "{key} is the larger of both directions");
+        assert!(sides > 0.0 && sides < 0.2);
+    }
+    assert!((number(&figures["diagonal"]) - 12_f64.sqrt()).abs() < 1e-4);
+    assert!(number(&figures["normal_deg"]) > 0.0);
+    let heat = folder.json(&["info", "heat.ply"]);
+    let attributes = heat["meshes"][0]["attributes"].as_array().map_or(0, Vec::len);
+    assert!(heat["triangles"] == 2048 && attributes >= 2, "{heat}");
+    let same = folder.json(&["compare", "a.ply", "a.ply", "--samples", "5000"]);
+    assert!(number(&same["max"]) < 1e-9);
+}
+
+#[test]
+fn threads_do_not_change_what_is_written() {
+    let folder = with_sphere("a.glb");
+    for threads in ["1", "2"] {
+        let name = |stem: &str, extension: &str| format!("{stem}{threads}.{extension}");
+        folder.done(&["simplify", "a.glb", "-o", &name("s", "glb"), "--ratio", "0.2", "--threads", threads]);
+        folder.done(&["repair", "a.glb", "-o", &name("r", "ply"), "--all", "--threads", threads]);
+        folder.done(&["render", "a.glb", "-o", &name("p", "png"), "--size", "64x64", "--threads", threads]);
+        let heat = name("h", "ply");
+        folder.done(&["compare", "a.glb", "s1.glb", "--heatmap", &heat, "--samples", "999", "--threads", threads]);
+    }
+    for (one, two) in [("s1.glb", "s2.glb"), ("r1.ply", "r2.ply"), ("p1.png", "p2.png"), ("h1.ply", "h2.ply")] {
+        assert!(folder.bytes(one) == folder.bytes(two), "{one} and {two} differ");
+    }
+}
+
+#[test]
+fn what_cannot_be_read_is_refused_and_named() {
+    let folder = Folder::new();
+    folder.file("empty.ply", "");
+    folder.file("noise.glb", [7_u8; 900]);
+    folder.file("cut.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n");
+    folder.file("points.obj", "v 0 0 0\nv 1 0 0\n");
+    for file in ["empty.ply", "noise.glb", "cut.off", "points.obj", "absent.stl"] {
+        folder.refused(&["info", file], file);
+        folder.refused(&["convert", file, "-o", "out.ply"], file);
+        folder.refused(&["simplify", file, "-o", "out.glb", "--ratio", "0.5"], file);
+        folder.refused(&["repair", file, "-o", "out.stl"], file);
+        folder.refused(&["compare", file, file], file);
+        folder.refused(&["render", file, "-o", "out.png"], file);
+    }
+}
+
+#[test]
+fn what_cannot_be_written_is_refused_and_named() {
+    let folder = with_sphere("a.ply");
+    folder.refused(&["convert", "a.ply", "-o", "absent/out.glb"], "out.glb");
+    folder.refused(&["render", "a.ply", "-o", "absent/out.png", "--size", "32x32"], "out.png");
+    std::fs::create_dir(folder.path("taken.ply")).expect("the name is free");
+    folder.refused(&["simplify", "a.ply", "-o", "taken.ply", "--ratio", "0.5"], "taken.ply");
+}
+
+#[test]
+fn a_file_may_replace_itself() {
+    let folder = with_sphere("a.ply");
+    folder.done(&["simplify", "a.ply", "-o", "a.ply", "--triangles", "100"]);
+    assert_eq!(folder.json(&["info", "a.ply"])["triangles"], 100);
+    assert_eq!(folder.names(), ["a.ply"]);
+}
+
+#[test]
+fn convert_goes_through_every_format_and_back() {
+    let folder = with_sphere("a.ply");
+    let mut from = "a.ply".to_owned();
+    for extension in ["glb", "obj", "gltf", "stl", "off", "ply"] {
+        let to = format!("b.{extension}");
+        folder.done(&["convert", &from, "-o", &to]);
+        let info = folder.json(&["info", &to]);
+        assert_eq!((&info["triangles"], &info["format"]), (&2048.into(), &extension.into()));
+        assert_eq!(info["meshes"][0]["closed"], true, "{to} has come apart");
+        from = to;
+    }
+}
+
+#[test]
+fn info_tells_defects_and_repair_mends_them() {
+    let folder = Folder::new();
+    folder.file("fan.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 9 9 9\nf 1 2 3\nf 1 2 3\nf 1 2 4\nf 2 2 3\n");
+    let defects = |file: &str| {
+        let info = folder.json(&["info", file]);
+        let list = info["meshes"][0]["defects"].as_array().cloned().unwrap_or_default();
+        list.iter().map(|defect| defect["defect"].as_str().unwrap_or_default().to_owned()).collect::<Vec<_>>()
+    };
+    let found = defects("fan.obj");
+    assert!(found.iter().any(|name| name == "duplicate triangles"), "{found:?}");
+    let report = folder.json(&["repair", "fan.obj", "-o", "mended.ply"]);
+    assert_eq!(report["changes"]["duplicates_dropped"], 1);
+    assert_eq!(defects("mended.ply"), [""; 0]);
+    let only = folder.json(&["repair", "fan.obj", "-o", "part.ply", "--only", "drop-duplicates"]);
+    assert_eq!((&only["repairs"], &only["changes"]["degenerate_dropped"]), (&["drop-duplicates"].into(), &0.into()));
+}
+
+#[test]
+fn importance_and_locks_come_from_attributes() {
+    let folder = Folder::new();
+    let mut mesh = shapes::grid(20);
+    let at_left: Vec<f32> = mesh.positions.iter().map(|p| if p[0] < 0.3 { 1.0 } else { 0.0 }).collect();
+    let semantic = maille::Semantic::Custom("keep".to_owned());
+    mesh.vertex_attributes.push(maille::Attribute::new_f32(semantic, 1, at_left));
+    maille_io::write(&Asset::from_mesh("grid", mesh), &folder.path("a.ply"), &WriteOptions::default())
+        .expect("the grid can be written");
+    let report = folder.json(&["simplify", "a.ply", "-o", "b.ply", "--triangles", "10", "--lock", "keep"]);
+    assert!(report["triangles_out"].as_u64().is_some_and(|left| left >= 200), "{report}");
+    folder.done(&["simplify", "a.ply", "-o", "b.ply", "--triangles", "100", "--importance", "keep"]);
+    let run = folder.refused(&["simplify", "a.ply", "-o", "c.ply", "--ratio", "0.5", "--importance", "paint"], "a.ply");
+    assert!(run.stderr.contains("paint") && run.stderr.contains("keep"), "{}", run.stderr);
+}
+
+#[test]
+fn samples_are_listed_and_made() {
+    let folder = Folder::new();
+    let list = folder.done(&["sample", "--list"]).stdout;
+    for name in ["character", "statue", "mechanical", "terrain", "vase"] {
+        assert!(list.contains(name), "{list}");
+        let file = format!("{name}.glb");
+        folder.done(&["sample", name, "-o", &file, "--triangles", "3000"]);
+        let triangles = folder.json(&["info", &file])["triangles"].as_u64().unwrap_or(0);
+        assert!((1000..9000).contains(&triangles), "{name} has {triangles} triangles");
+    }
+    assert_eq!(folder.run(&["sample", "unicorn", "-o", "a.ply"]).code, 2);
+}
+
+#[test]
+fn pictures_show_the_model_before_its_background() {
+    let folder = with_sphere("a.ply");
+    folder.done(&["render", "a.ply", "-o", "a.png", "--size", "80x60", "--background", "transparent"]);
+    let picture = image::load_from_memory(&folder.bytes("a.png")).expect("it is a PNG").to_rgba8();
+    assert_eq!(picture.dimensions(), (80, 60));
+    assert_eq!((picture.get_pixel(40, 30)[3], picture.get_pixel(2, 2)[3]), (255, 0));
+}
+
+#[test]
+fn completions_and_man_pages_know_every_command() {
+    let folder = Folder::new();
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let script = folder.done(&["completions", shell]).stdout;
+        assert!(COMMANDS.iter().all(|command| script.contains(command)), "{shell}");
+    }
+    assert!(folder.done(&["man"]).stdout.contains("maille"));
+    folder.done(&["man", "-o", "man"]);
+    for command in COMMANDS {
+        assert!(folder.path("man").join(format!("maille-{command}.1")).exists(), "{command}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_reader_that_goes_away_is_no_failure() {
+    use std::process::{Command, Stdio};
+    let mut child = Command::new(env!("CARGO_BIN_EXE_maille"))
+        .args(["completions", "zsh"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the command has been built");
+    drop(child.stdout.take());
+    let output = child.wait_with_output().expect("it ends");
+    assert_eq!((output.status.code(), String::from_utf8_lossy(&output.stderr).as_ref()), (Some(0), ""));
+}
