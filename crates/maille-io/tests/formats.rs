@@ -236,6 +236,19 @@ fn ply_keeps_wedges_notes_and_what_it_does_not_know() {
 }
 
 #[test]
+fn ply_rows_along_a_seam_are_wedges_of_one_vertex() {
+    let text = "ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\nproperty float z\n\
+        property float s\nproperty float t\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n\
+        0 0 0 0 0\n1 0 0 1 0\n1 1 0 1 1\n0 0 0 0.5 0\n1 1 0 0.5 1\n0 1 0 0 1\n3 0 1 2\n3 3 4 5\n";
+    let asset = parse(text.as_bytes()).unwrap();
+    let mesh = &asset.meshes[0].mesh;
+    assert_eq!((mesh.vertex_count(), mesh.wedge_count()), (4, 6));
+    assert_eq!(bytes_of(&asset, "a.ply", &TEXT), text.as_bytes());
+    let plain = text.replace("property float s\nproperty float t\n", "property float a\nproperty float b\n");
+    assert_eq!(mesh_of(plain.as_bytes()).vertex_count(), 6);
+}
+
+#[test]
 fn text_ply_tells_what_is_in_the_other_elements() {
     let bytes = bytes_of(&parse(&BIG_ENDIAN_WITH_EVERYTHING()).unwrap(), "a.ply", &TEXT);
     assert!(String::from_utf8(bytes).unwrap().ends_with("\n0 4\n2 0.5 1e300\n0\n"));

@@ -8,6 +8,8 @@
 //! - Rows of `vertex` are vertices. Their properties (normals, colours, texture coordinates, and whatever else, each
 //!   scalar under its own name) become *wedge* attributes, one wedge to each vertex, so that everything is found where
 //!   glTF has it and is interpolated. 32-bit integers are labels; smaller integers are quantities.
+//! - Where rows have normals or texture coordinates, those at equal positions are wedges of one vertex: so do other
+//!   formats' seams look in a PLY. Rows without either are never joined.
 //! - Texture coordinates in the faces (`texcoord` lists, as MeshLab writes them) make more wedges.
 //! - Polygons and strips become triangles; properties of faces become triangle attributes, `texnumber` or
 //!   `material_index` the material.

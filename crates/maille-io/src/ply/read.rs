@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use maille::mesh::{ComponentType, Storage, Values};
+use maille::mesh::{ComponentType, Storage, Values, WeldOptions};
 use maille::{Attribute, Mesh, Semantic};
 use rayon::prelude::*;
 
@@ -387,6 +387,12 @@ impl<'a> Reader<'a> {
         self.mesh.triangles = faces.triangles;
         self.mesh.triangle_attributes = faces.attributes;
         self.mesh.triangle_materials = faces.materials;
+        // a row for each side of a seam is the only way in which vertices of a PLY can have several normals or texture
+        // coordinates; rows without either are left as they are, be they joined or not
+        let has_seams = |a: &Attribute| matches!(a.semantic, Semantic::Normal | Semantic::TexCoord(_));
+        if faces.corner_uvs.is_empty() && self.mesh.wedge_attributes.iter().any(has_seams) {
+            self.mesh.weld(&WeldOptions::EXACT);
+        }
         numbers
     }
 
