@@ -39,6 +39,7 @@ pub(crate) enum Command {
     Compare(CompareArgs),
     Repair(RepairArgs),
     Render(RenderArgs),
+    Demo(DemoArgs),
     Completions(CompletionsArgs),
     Man(ManArgs),
 }
@@ -85,7 +86,7 @@ pub(crate) struct ConvertArgs {
     /// The file to write; its extension names the format.
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
-    /// Text instead of binary, where the format has both (PLY, STL, OFF).
+    /// Text instead of binary, where the format has both (PLY, STL).
     #[arg(long)]
     pub(crate) text: bool,
     #[command(flatten)]

@@ -3,6 +3,7 @@
 mod compare;
 mod completions;
 mod convert;
+mod demo;
 mod info;
 mod man;
 mod render;
@@ -25,6 +26,7 @@ pub(crate) fn run(cli: Cli) -> Result<(), Failure> {
         Command::Compare(args) => compare::run(&args),
         Command::Repair(args) => repair::run(&args),
         Command::Render(args) => render::run(&args),
+        Command::Demo(args) => demo::run(&args),
         Command::Completions(args) => completions::run(&args),
         Command::Man(args) => man::run(&args),
     }
