@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use glam::DMat4;
+use maille::mesh::NormalOptions;
 use maille::{Mesh, Semantic};
 use serde_json::{Value, json};
 
@@ -81,7 +82,8 @@ fn node_for(instance: &Instance, meshes: &[NamedMesh]) -> Value {
     json
 }
 
-/// The meshes, each with normals: viewers would shade it flat without.
+/// The meshes, each with normals: viewers would shade it flat without. Computed ones are smooth everywhere, since a
+/// crease would divide wedges that the user has as one.
 pub(super) fn with_normals(meshes: &[NamedMesh]) -> Cow<'_, [NamedMesh]> {
     let lacks = |mesh: &Mesh| {
         let attributes = mesh.wedge_attributes.iter().chain(&mesh.vertex_attributes);
@@ -92,9 +94,7 @@ pub(super) fn with_normals(meshes: &[NamedMesh]) -> Cow<'_, [NamedMesh]> {
     }
     let mut meshes = meshes.to_vec();
     for named in meshes.iter_mut().filter(|named| lacks(&named.mesh)) {
-        add_normals(&mut named.mesh);
+        named.mesh.compute_normals(&NormalOptions::default());
     }
     Cow::Owned(meshes)
 }
-
-fn add_normals(_mesh: &mut Mesh) {}

@@ -7,9 +7,10 @@
 //! The way in: [`container`] (GLB, URIs) → [`meshopt`] and [`draco`] (what is compressed becomes plain) →
 //! [`accessor`] → [`primitive`] (meshes) and [`scene`] (where they stand). The way out: [`compose`] (which parts to
 //! replace) → [`encode`] (values to bytes) → [`package`] (one buffer, one file or several). [`fresh`] makes documents
-//! for meshes that come from elsewhere.
+//! for meshes that come from elsewhere, [`character`] for animated samples.
 
 mod accessor;
+mod character;
 mod compose;
 mod container;
 mod draco;

@@ -6,8 +6,10 @@
 mod distance;
 mod isosurface;
 mod noise;
+mod rig;
 mod statue;
 #[cfg(test)]
 mod testing;
 
+pub use rig::{Channel, Character, Clip, Joint, Keys, Skeleton};
 pub use statue::statue;
