@@ -68,9 +68,8 @@ fn simplify_keeps_the_contract() {
 #[test]
 fn every_metric_placement_and_preset_is_accepted() {
     let folder = with_sphere("a.ply");
-    let names = |pairs: &[(&'static str, &str)]| pairs.to_vec();
-    let mut choices = names(&[("--preset", "fast"), ("--preset", "balanced"), ("--preset", "best")]);
-    choices.push(("--preset", "aggressive"));
+    let presets = ["fast", "balanced", "best", "aggressive"];
+    let mut choices: Vec<(&str, &str)> = presets.map(|name| ("--preset", name)).to_vec();
     choices.extend(maille::simplify::MetricKind::NAMES.map(|(name, _)| ("--metric", name)));
     choices.extend(maille::simplify::PlacementKind::NAMES.map(|(name, _)| ("--placement", name)));
     choices.extend(["uniform", "area", "angle"].map(|name| ("--weights", name)));
@@ -259,4 +258,28 @@ fn a_reader_that_goes_away_is_no_failure() {
     drop(child.stdout.take());
     let output = child.wait_with_output().expect("it ends");
     assert_eq!((output.status.code(), String::from_utf8_lossy(&output.stderr).as_ref()), (Some(0), ""));
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_leaves_nothing_behind() {
+    use std::process::{Command, Stdio};
+    use std::time::Duration;
+    let folder = Folder::new();
+    let sphere = Asset::from_mesh("sphere", shapes::sphere(8));
+    maille_io::write(&sphere, &folder.path("a.ply"), &WriteOptions::default()).expect("the sphere can be written");
+    let child = Command::new(env!("CARGO_BIN_EXE_maille"))
+        .args(["simplify", "a.ply", "-o", "b.ply", "--triangles", "10"])
+        .current_dir(folder.path(""))
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the command has been built");
+    // long enough to be at work, far too short to be done with half a million triangles
+    std::thread::sleep(Duration::from_millis(600));
+    let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill is there");
+    assert!(kill.success());
+    let output = child.wait_with_output().expect("it ends");
+    assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(folder.names(), ["a.ply"]);
 }
