@@ -35,6 +35,7 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     Info(InfoArgs),
     Convert(ConvertArgs),
+    Sample(SampleArgs),
     Simplify(Box<SimplifyArgs>),
     Compare(CompareArgs),
     Repair(RepairArgs),
@@ -95,7 +96,7 @@ pub(crate) struct ConvertArgs {
 
 /// Makes a model in code: no downloads needed.
 #[derive(Debug, Args)]
-#[command(after_long_help = "Examples:\n  maille sample --list\n  maille sample character -o character.glb\n  \
+#[command(after_long_help = "Examples:\n  maille sample --list\n  maille sample statue -o statue.glb\n  \
     maille sample statue -o statue.ply --triangles 1000000")]
 pub(crate) struct SampleArgs {
     /// Which model; `--list` tells them all.
@@ -108,7 +109,7 @@ pub(crate) struct SampleArgs {
     #[arg(long, value_name = "N")]
     pub(crate) triangles: Option<usize>,
     /// Lists the models and what they are good for.
-    #[arg(long, exclusive = true)]
+    #[arg(long)]
     pub(crate) list: bool,
     #[command(flatten)]
     pub(crate) common: Common,

@@ -8,6 +8,7 @@ mod info;
 mod man;
 mod render;
 mod repair;
+mod sample;
 mod simplify;
 
 use std::path::Path;
@@ -22,6 +23,7 @@ pub(crate) fn run(cli: Cli) -> Result<(), Failure> {
     match cli.command {
         Command::Info(args) => info::run(&args),
         Command::Convert(args) => convert::run(&args),
+        Command::Sample(args) => sample::run(&args),
         Command::Simplify(args) => simplify::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Repair(args) => repair::run(&args),
