@@ -358,41 +358,37 @@ impl CollapseMesh {
             if ring.x == removed || ring.y == removed {
                 face.vertex = [NONE; 3];
                 self.live_faces -= 1;
-            } else {
-                face.next[ring.corner as usize] = first;
-                first = ring.face * 4 + u32::from(ring.corner);
+                continue;
             }
-            for (n, e) in [(ring.x, ring.edge_x), (ring.y, ring.edge_y)] {
-                if n != removed {
-                    note(n, e, effect);
-                }
-            }
+            face.next[ring.corner as usize] = first;
+            first = ring.face * 4 + u32::from(ring.corner);
+            note(ring.x, ring.edge_x, effect);
+            note(ring.y, ring.edge_y, effect);
         }
-        for ring in removed_ring {
+        for ring in removed_ring.iter().filter(|ring| ring.x != kept && ring.y != kept) {
             let face = &mut self.faces[ring.face as usize];
             let k = ring.corner as usize;
-            let alive = face.vertex[0] != NONE;
-            if alive {
-                face.vertex[k] = kept;
-                face.next[k] = first;
-                first = ring.face * 4 + k as u32;
-            }
+            face.vertex[k] = kept;
+            face.next[k] = first;
+            first = ring.face * 4 + k as u32;
             // the edge to x is opposite to the corner before k, the edge to y to the one after
             for (n, e, opposite) in [(ring.x, ring.edge_x, (k + 2) % 3), (ring.y, ring.edge_y, (k + 1) % 3)] {
-                if n == kept {
-                    continue;
-                }
                 match note(n, e, effect) {
                     Some(known) if known != e => {
-                        face.edge[opposite] = known;
-                        if self.ends[e as usize][0] != NONE {
-                            self.ends[e as usize] = [NONE; 2];
-                            effect.removed_edges.push(e);
-                            effect.merged_edges.push((e, known));
-                        }
+                        self.faces[ring.face as usize].edge[opposite] = known;
+                        self.retire(e, Some(known), effect);
                     }
                     Some(_) => {}
                     None => self.ends[e as usize] = [kept, n],
+                }
+            }
+        }
+        // the other edges of the faces that are no more: equal to one that is left, or gone with their last face
+        let dead = |ring: &&RingFace| [ring.x, ring.y].iter().any(|v| *v == kept || *v == removed);
+        for ring in kept_ring.iter().chain(removed_ring).filter(dead) {
+            for (n, e) in [(ring.x, ring.edge_x), (ring.y, ring.edge_y)] {
+                if n != kept && n != removed && marks.get(n) != Some(e) {
+                    self.retire(e, marks.get(n), effect);
                 }
             }
         }
@@ -401,6 +397,15 @@ impl CollapseMesh {
         self.ends[edge as usize] = [NONE; 2];
         if !self.pairs.is_empty() {
             self.merge_pairs(kept, removed, marks, effect);
+        }
+    }
+
+    /// Takes an edge out, once; `into` is the edge that it has become equal to.
+    fn retire(&mut self, edge: u32, into: Option<u32>, effect: &mut CollapseEffect) {
+        if self.has_edge(edge) {
+            self.ends[edge as usize] = [NONE; 2];
+            effect.removed_edges.push(edge);
+            effect.merged_edges.extend(into.map(|into| (edge, into)));
         }
     }
 

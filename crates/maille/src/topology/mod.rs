@@ -24,4 +24,6 @@ pub use surface::{BoundaryLoops, ClosedSurface, Component, Components};
 pub(crate) use union_find::UnionFind;
 
 #[cfg(test)]
+mod collapse_tests;
+#[cfg(test)]
 mod tests;
