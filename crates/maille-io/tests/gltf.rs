@@ -1,6 +1,8 @@
 //! glTF files of the public model set: read, written, and read again.
 
-use std::path::PathBuf;
+#![expect(clippy::print_stderr, reason = "says what is left out")]
+
+use std::path::{Path, PathBuf};
 
 use maille::Attribute;
 use maille_io::{Asset, ReadOptions, WriteOptions, read, write};
@@ -20,7 +22,7 @@ fn models() -> Vec<PathBuf> {
     files
 }
 
-fn read_model(path: &PathBuf) -> Asset {
+fn read_model(path: &Path) -> Asset {
     read(path, &ReadOptions::default()).unwrap_or_else(|error| panic!("{error}"))
 }
 
@@ -38,7 +40,7 @@ fn round_trip(asset: &Asset, name: &str) -> Asset {
     read_model(&path)
 }
 
-fn file_name(path: &std::path::Path) -> String {
+fn file_name(path: &Path) -> String {
     path.file_name().expect("models have names").to_string_lossy().into_owned()
 }
 

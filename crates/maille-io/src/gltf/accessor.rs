@@ -280,9 +280,12 @@ fn strided<'a>(
     }
     // the last element need not be padded
     let last = layout.offsets().last().map_or(0, |offset| offset + width(layout.component));
-    let end =
-        (count.saturating_sub(1) as u64).saturating_mul(stride as u64).saturating_add(last as u64 + offset as u64);
-    let end = if count == 0 { offset as u64 } else { end };
+    let end = match count {
+        0 => offset as u64,
+        _ => {
+            ((count - 1) as u64).saturating_mul(stride as u64).saturating_add(last as u64).saturating_add(offset as u64)
+        }
+    };
     if end > bytes.len() as u64 {
         let message = format!("{count} elements reach byte {end} of buffer view {view}, which has {}", bytes.len());
         return Err(Fault::new(message));

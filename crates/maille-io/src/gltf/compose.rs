@@ -11,7 +11,7 @@ use maille::{Mesh, Semantic};
 use serde_json::{Map, Value, json};
 
 use super::accessor::{Accessor, Layout, Shape};
-use super::encode::{Encoded, EncodedPrimitive, Plan, encode_primitive, fits};
+use super::encode::{Encoded, EncodedPrimitive, Plan, PlannedAttribute, encode_primitive, fits};
 use super::json::{as_index, declares, index, undeclare};
 use super::primitive::{Mode, mode, read_mesh, semantic_of};
 use super::{Budget, Document, View};
@@ -127,7 +127,7 @@ impl<'a> Composer<'a> {
             }
             if !triangles.is_empty() {
                 let template = if passed_on { &blank } else { template(slot) };
-                let plan = plan(primitives, template, mesh, grids.get(slot).copied().flatten(), quantized);
+                let plan = plan(document, primitives, template, mesh, grids.get(slot).copied().flatten(), quantized);
                 let encoded = encode_primitive(mesh, triangles, &plan);
                 written.push(self.add_primitive(template, encoded));
             }
@@ -159,7 +159,7 @@ impl<'a> Composer<'a> {
         let slot = point.triangle_material(0) as usize;
         let quantized = declares(&self.document.json, QUANTIZATION);
         let grids = position_grids(self.document, primitives, &point, quantized);
-        let plan = plan(primitives, &primitives[slot], &point, grids[slot], quantized);
+        let plan = plan(self.document, primitives, &primitives[slot], &point, grids[slot], quantized);
         let encoded = encode_primitive(&point, &[0], &plan);
         Ok(self.add_primitive(&primitives[slot], encoded))
     }
@@ -359,13 +359,25 @@ fn position_grids(document: &Document, primitives: &[Value], mesh: &Mesh, quanti
 
 /// Which attributes a primitive gets: those that it had, and those that are new to the mesh as a whole; what stands in
 /// for an attribute that it lacked is left out again.
-fn plan<'a>(primitives: &[Value], template: &Value, mesh: &'a Mesh, grid: Option<Layout>, quantized: bool) -> Plan<'a> {
+fn plan<'a>(
+    document: &Document,
+    primitives: &[Value],
+    template: &Value,
+    mesh: &'a Mesh,
+    grid: Option<Layout>,
+    quantized: bool,
+) -> Plan<'a> {
     let had = |primitive: &Value, semantic: &Semantic| named(primitive.get("attributes"), semantic);
     let semantics = mesh.wedge_attributes.iter().chain(&mesh.vertex_attributes).map(|a| &a.semantic);
-    let attributes = semantics.filter_map(|semantic| match had(template, semantic) {
-        Some(name) => Some((name, semantic)),
+    let name = |semantic: &Semantic| match had(template, semantic) {
+        Some(name) => Some(name),
         None if primitives.iter().any(|p| had(p, semantic).is_some()) && template.get("attributes").is_some() => None,
-        None => Some((new_name(semantic), semantic)),
+        None => Some(new_name(semantic)),
+    };
+    let attributes = semantics.filter_map(|semantic| {
+        let name = name(semantic)?;
+        let shape = layout_of(document, template, &name).map(|layout| layout.shape);
+        Some(PlannedAttribute { name, semantic, shape })
     });
     let old_targets = items(template, "targets");
     let is_new = old_targets.is_empty() && primitives.iter().all(|p| items(p, "targets").is_empty());

@@ -2,6 +2,8 @@
 //!
 //! Where the extension is not required and the plain data is in the file, too, that is used instead.
 
+use std::collections::BTreeSet;
+
 use maille::mesh::ComponentType;
 use serde_json::{Value, json};
 
@@ -22,93 +24,107 @@ const NAME: &str = "KHR_draco_mesh_compression";
 #[cfg(feature = "draco")]
 const MOST_INFLATION: u64 = 4096;
 
-/// Replaces every compressed primitive by a plain one, whose data lies in buffers of its own.
+/// Replaces every compressed primitive by a plain one, whose data lies in buffers of its own. Its buffer views take the
+/// places of those that held the compressed data, and further ones at the end.
 pub(super) fn decompress(json: &mut Value, buffers: &mut Vec<Vec<u8>>, budget: &mut Budget) -> Checked<()> {
-    let mut plain = Plain { views: Vec::new(), buffers };
-    for mesh in 0..list(json, "meshes")?.len() {
-        for primitive in 0..list(&json["meshes"][mesh], "primitives").within_item("meshes", mesh)?.len() {
-            let done = decompress_primitive(json, mesh, primitive, &mut plain, budget);
-            done.within_item("primitives", primitive).within_item("meshes", mesh)?;
+    let mut plain = Plain { free: BTreeSet::new(), used: BTreeSet::new(), buffers };
+    let mut decoded = Vec::new();
+    for (i, mesh) in list(json, "meshes")?.iter().enumerate() {
+        for (k, primitive) in list(mesh, "primitives").within_item("meshes", i)?.iter().enumerate() {
+            let arrays = decode_primitive(json, primitive, &mut plain, budget);
+            let arrays = arrays.within_item("primitives", k).within_item("meshes", i)?;
+            decoded.extend(arrays.map(|arrays| (i, k, arrays)));
         }
     }
-    let views = plain.views;
+    for (i, k, arrays) in decoded {
+        let primitive = &mut json["meshes"][i]["primitives"][k];
+        remove_extension(primitive, NAME);
+        if !arrays.is_empty() {
+            remove(primitive, "mode");
+        }
+        for array in arrays {
+            store(json, array, &mut plain).within_item("primitives", k).within_item("meshes", i)?;
+        }
+    }
+    let views: Vec<usize> = plain.used.into_iter().collect();
     undeclare(json, NAME);
     refresh_bounds(json, buffers, &views)
 }
 
 /// Where decompressed data goes.
 struct Plain<'a> {
-    views: Vec<usize>,
+    /// Buffer views whose data has been decompressed.
+    free: BTreeSet<usize>,
+    /// Buffer views of decompressed data.
+    used: BTreeSet<usize>,
     buffers: &'a mut Vec<Vec<u8>>,
 }
 
-impl Plain<'_> {
-    /// Adds a buffer with a view of the whole of it.
-    fn add(&mut self, json: &mut Value, bytes: Vec<u8>, stride: Option<usize>) -> Checked<usize> {
-        let mut push = |key: &str, value: Value| match json.get_mut(key).and_then(Value::as_array_mut) {
-            Some(list) => {
-                list.push(value);
-                Ok(list.len() - 1)
-            }
-            None => Err(Fault::new("there are no buffers")),
-        };
-        let buffer = push("buffers", json!({ "byteLength": bytes.len() }))?;
-        let mut view = json!({ "buffer": buffer, "byteLength": bytes.len() });
-        if let Some(stride) = stride {
-            view["byteStride"] = json!(stride);
-        }
-        view["target"] = json!(if stride.is_some() { Target::Vertices } else { Target::Indices } as u32);
-        let view = push("bufferViews", view)?;
-        self.buffers.push(bytes);
-        self.views.push(view);
-        Ok(view)
-    }
-}
-
-fn decompress_primitive(
-    json: &mut Value,
-    mesh: usize,
-    number: usize,
+/// The arrays of a primitive if it is compressed; none if it is, but its plain data is in the file, too.
+fn decode_primitive(
+    json: &Value,
+    primitive: &Value,
     plain: &mut Plain<'_>,
     budget: &mut Budget,
-) -> Checked<()> {
-    let primitive = &json["meshes"][mesh]["primitives"][number];
-    let Some(compressed) = extension(primitive, NAME) else { return Ok(()) };
-    if !has_plain_data(json, primitive)? {
-        let decode = || {
-            let view = required_index(compressed, "bufferView")?;
-            let views = list(json, "bufferViews")?;
-            let view = views.get(view).ok_or_else(|| Fault::new(format!("buffer view {view} does not exist")))?;
-            let view = View::new(view, plain.buffers)?;
-            decode(&plain.buffers[view.buffer][view.start..view.end], compressed)
-        };
-        let decoded = decode().within(NAME).within("extensions")?;
-        budget.spend(decoded.arrays.iter().map(|array| array.bytes.len() as u64).sum())?;
-        let primitive = primitive.clone();
-        for array in decoded.arrays {
-            let accessor = match array.name.as_deref() {
-                Some(name) => index(&primitive["attributes"], name).within("attributes")?,
-                None => index(&primitive, "indices")?,
-            };
-            let Some(accessor) = accessor else {
-                let name = array.name.as_deref().unwrap_or("indices");
-                return Err(Fault::new(format!("'{name}' is compressed but has no accessor")));
-            };
-            let stride = Layout { component: array.component, normalized: false, shape: array.shape }.stride();
-            let view = plain.add(json, array.bytes, array.name.as_ref().map(|_| stride))?;
-            let accessor = json["accessors"].get_mut(accessor);
-            let accessor =
-                accessor.ok_or_else(|| Fault::new("a compressed attribute whose accessor does not exist"))?;
-            accessor["bufferView"] = json!(view);
-            accessor["componentType"] = json!(component_code(array.component));
-            accessor["count"] = json!(array.count);
-            accessor["type"] = json!(array.shape.name());
-            remove(accessor, "byteOffset");
-        }
-        let primitive = &mut json["meshes"][mesh]["primitives"][number];
-        remove(primitive, "mode");
+) -> Checked<Option<Vec<Array>>> {
+    let Some(compressed) = extension(primitive, NAME) else { return Ok(None) };
+    if has_plain_data(json, primitive)? {
+        return Ok(Some(Vec::new()));
     }
-    remove_extension(&mut json["meshes"][mesh]["primitives"][number], NAME);
+    let decode = || {
+        let number = required_index(compressed, "bufferView")?;
+        let views = list(json, "bufferViews")?;
+        let view = views.get(number).ok_or_else(|| Fault::new(format!("buffer view {number} does not exist")))?;
+        let view = View::new(view, plain.buffers)?;
+        let arrays = decode(&plain.buffers[view.buffer][view.start..view.end], compressed)?;
+        Ok((number, arrays))
+    };
+    let (view, mut arrays) = decode().within(NAME).within("extensions")?;
+    budget.spend(arrays.iter().map(|array| array.bytes.len() as u64).sum())?;
+    plain.free.insert(view);
+    for array in &mut arrays {
+        array.accessor = match &array.name {
+            Some(name) => required_index(&primitive["attributes"], name).within("attributes")?,
+            None => required_index(primitive, "indices")?,
+        };
+    }
+    Ok(Some(arrays))
+}
+
+/// Lets the accessor of an array show its data.
+fn store(json: &mut Value, array: Array, plain: &mut Plain<'_>) -> Checked<()> {
+    let layout = Layout { component: array.component, normalized: false, shape: array.shape };
+    let buffer = json!({ "byteLength": array.bytes.len() });
+    let mut view = json!({ "buffer": plain.buffers.len(), "byteLength": array.bytes.len() });
+    if array.name.is_some() {
+        view["byteStride"] = json!(layout.stride());
+    }
+    view["target"] = json!(if array.name.is_some() { Target::Vertices } else { Target::Indices } as u32);
+    let buffers = json.get_mut("buffers").and_then(Value::as_array_mut);
+    buffers.ok_or_else(|| Fault::new("there are no buffers"))?.push(buffer);
+    plain.buffers.push(array.bytes);
+    let views = json.get_mut("bufferViews").and_then(Value::as_array_mut);
+    let views = views.ok_or_else(|| Fault::new("there are no buffer views"))?;
+    let number = match plain.free.pop_first() {
+        Some(number) => {
+            views[number] = view;
+            number
+        }
+        None => {
+            views.push(view);
+            views.len() - 1
+        }
+    };
+    plain.used.insert(number);
+    let accessor = json.get_mut("accessors").and_then(|accessors| accessors.get_mut(array.accessor));
+    let Some(accessor) = accessor.and_then(Value::as_object_mut) else {
+        return Err(Fault::new(format!("accessor {} does not exist", array.accessor)));
+    };
+    accessor.insert("bufferView".to_owned(), json!(number));
+    accessor.insert("componentType".to_owned(), json!(component_code(array.component)));
+    accessor.insert("count".to_owned(), json!(array.count));
+    accessor.insert("type".to_owned(), json!(array.shape.name()));
+    accessor.shift_remove("byteOffset");
     Ok(())
 }
 
@@ -122,15 +138,12 @@ fn has_plain_data(json: &Value, primitive: &Value) -> Checked<bool> {
     Ok(numbers.iter().all(|&i| accessors.get(i).is_some_and(|accessor| accessor.get("bufferView").is_some())))
 }
 
-/// The arrays of a decompressed primitive.
-struct Decoded {
-    arrays: Vec<Array>,
-}
-
 /// The content of one accessor.
 struct Array {
     /// Name of the attribute, `None` for the indices.
     name: Option<String>,
+    /// Which accessor it belongs to.
+    accessor: usize,
     count: usize,
     shape: Shape,
     component: ComponentType,
@@ -138,14 +151,14 @@ struct Array {
 }
 
 #[cfg(not(feature = "draco"))]
-fn decode(_bytes: &[u8], _extension: &Value) -> Checked<Decoded> {
+fn decode(_bytes: &[u8], _extension: &Value) -> Checked<Vec<Array>> {
     Err(Fault::new("this build of Maille cannot decode Draco")
         .with_remedy("build it with the feature 'draco', or decompress the file with gltf-transform first"))
 }
 
 /// Decodes a stream. The decoder is young: should it panic on a broken stream, that is caught and told as an error.
 #[cfg(feature = "draco")]
-fn decode(bytes: &[u8], extension: &Value) -> Checked<Decoded> {
+fn decode(bytes: &[u8], extension: &Value) -> Checked<Vec<Array>> {
     const REMEDY: &str = "decompress the file with gltf-transform first";
     check_claims(bytes)?;
     let decoded = std::panic::catch_unwind(|| draco_oxide_decoder::Decoder::new().decode_mesh(bytes));
@@ -166,10 +179,16 @@ fn decode(bytes: &[u8], extension: &Value) -> Checked<Decoded> {
         arrays.push(array.within(name).within("attributes")?);
     }
     let bytes = corners.iter().flat_map(|corner| corner.to_le_bytes()).collect();
-    let indices =
-        Array { name: None, count: corners.len(), shape: Shape::Scalar, component: ComponentType::U32, bytes };
+    let indices = Array {
+        name: None,
+        accessor: 0,
+        count: corners.len(),
+        shape: Shape::Scalar,
+        component: ComponentType::U32,
+        bytes,
+    };
     arrays.push(indices);
-    Ok(Decoded { arrays })
+    Ok(arrays)
 }
 
 /// Refuses a stream whose head claims more elements than its bytes can stand for.
@@ -229,5 +248,5 @@ fn expand(name: &str, attribute: &draco_oxide_core::attribute::Attribute) -> Che
         bytes.extend_from_slice(value.ok_or_else(|| Fault::new("a point refers to no value"))?);
         bytes.resize((point + 1) * layout.stride(), 0);
     }
-    Ok(Array { name: Some(name.to_owned()), count, shape, component, bytes })
+    Ok(Array { name: Some(name.to_owned()), accessor: 0, count, shape, component, bytes })
 }

@@ -142,14 +142,22 @@ pub(super) fn fits(layout: Layout, mut values: impl Iterator<Item = f32>) -> boo
 
 /// How one primitive is to be written.
 pub(super) struct Plan<'a> {
-    /// Names of its attributes and what they mean; the positions are always written, first.
-    pub(super) attributes: Vec<(String, &'a Semantic)>,
+    /// Its attributes; the positions are always written, first.
+    pub(super) attributes: Vec<PlannedAttribute<'a>>,
     /// The same for each morph target.
     pub(super) targets: Vec<Vec<(String, &'a Semantic)>>,
     /// How positions are stored.
     pub(super) positions: Layout,
     /// Whether integers may be used where glTF alone asks for floats (`KHR_mesh_quantization`).
     pub(super) quantized: bool,
+}
+
+/// An attribute to write.
+pub(super) struct PlannedAttribute<'a> {
+    pub(super) name: String,
+    pub(super) semantic: &'a Semantic,
+    /// The shape that it had, which tells four scalars in a row from those of a matrix.
+    pub(super) shape: Option<Shape>,
 }
 
 /// The new accessors of a primitive.
@@ -170,22 +178,30 @@ pub(super) fn encode_primitive(mesh: &Mesh, triangles: &[u32], plan: &Plan<'_>) 
     let vertices: Vec<u32> = wedges.iter().map(|&w| mesh.wedge_vertices[w as usize]).collect();
     let points: Vec<f32> = vertices.iter().flat_map(|&v| mesh.positions[v as usize]).collect();
 
-    let mut picked: Vec<(String, Attribute)> = Vec::new();
-    for (name, semantic) in &plan.attributes {
-        let wedge = mesh.wedge_attributes.iter().find(|a| a.semantic == **semantic).map(|a| pick(a, &wedges));
-        let vertex = || mesh.vertex_attributes.iter().find(|a| a.semantic == **semantic).map(|a| pick(a, &vertices));
-        picked.extend(wedge.or_else(vertex).map(|attribute| (name.clone(), attribute)));
+    let mut picked: Vec<Picked<'_>> = Vec::new();
+    for planned in &plan.attributes {
+        let find = |list: &[Attribute], elements: &[u32]| {
+            list.iter().find(|a| a.semantic == *planned.semantic).map(|a| pick(a, elements))
+        };
+        let found = find(&mesh.wedge_attributes, &wedges).or_else(|| find(&mesh.vertex_attributes, &vertices));
+        picked.extend(found.map(|attribute| Picked { planned, attribute }));
     }
     repair_directions(&mut picked, &points, &corners);
     repair_weights(&mut picked);
     let positions = Encoded::floats(plan.positions, &points).with_bounds(&points);
     let mut attributes = vec![("POSITION".to_owned(), positions)];
-    for (name, attribute) in picked {
-        attributes.extend(encode_attribute(&name, &attribute, plan.quantized));
+    for Picked { planned, attribute } in &picked {
+        attributes.extend(encode_attribute(&planned.name, attribute, planned.shape, plan.quantized));
     }
     let targets = plan.targets.iter().zip(&mesh.morph_targets);
     let targets = targets.map(|(names, target)| encode_target(names, target, &wedges, plan)).collect();
     EncodedPrimitive { indices: Encoded::indices(&corners, wedges.len()), attributes, targets }
+}
+
+/// The values of an attribute for one primitive.
+struct Picked<'a> {
+    planned: &'a PlannedAttribute<'a>,
+    attribute: Attribute,
 }
 
 /// Some elements of an attribute.
@@ -244,11 +260,17 @@ fn shape_of(components: usize) -> Option<Shape> {
 }
 
 /// One attribute as accessors: one, or one for each component where glTF has no type for so many.
-fn encode_attribute(name: &str, attribute: &Attribute, quantized: bool) -> Vec<(String, Encoded)> {
-    let Some(shape) = shape_of(attribute.components) else {
+fn encode_attribute(
+    name: &str,
+    attribute: &Attribute,
+    shape: Option<Shape>,
+    quantized: bool,
+) -> Vec<(String, Encoded)> {
+    let old_shape = shape.filter(|shape| shape.components() == attribute.components);
+    let Some(shape) = old_shape.or_else(|| shape_of(attribute.components)) else {
         let scalar = |i: usize| {
             let single = Attribute { components: 1, values: component_of(attribute, i), ..attribute.clone() };
-            encode_attribute(&format!("{name}_{i}"), &single, quantized)
+            encode_attribute(&format!("{name}_{i}"), &single, None, quantized)
         };
         return (0..attribute.components).flat_map(scalar).collect();
     };
@@ -310,12 +332,11 @@ fn stored_layout(attribute: &Attribute, shape: Shape, quantized: bool) -> Layout
 
 /// Makes normals unit vectors, and tangents unit vectors with a sign; where there is no direction at all, a normal gets
 /// that of its triangles and a tangent any one across its normal.
-fn repair_directions(attributes: &mut [(String, Attribute)], points: &[f32], corners: &[u32]) {
+fn repair_directions(attributes: &mut [Picked<'_>], points: &[f32], corners: &[u32]) {
     let mut normals: Option<Vec<f32>> = None;
-    let find =
-        |attributes: &mut [(String, Attribute)], semantic| attributes.iter().position(|(_, a)| a.semantic == semantic);
+    let find = |attributes: &[Picked<'_>], semantic| attributes.iter().position(|a| a.attribute.semantic == semantic);
     if let Some(i) = find(attributes, Semantic::Normal)
-        && let (3, Some(values)) = (attributes[i].1.components, attributes[i].1.as_f32_mut())
+        && let (3, Some(values)) = (attributes[i].attribute.components, attributes[i].attribute.as_f32_mut())
     {
         let mut computed: Option<Vec<glam::Vec3>> = None;
         for (vertex, normal) in values.as_chunks_mut::<3>().0.iter_mut().enumerate() {
@@ -328,7 +349,7 @@ fn repair_directions(attributes: &mut [(String, Attribute)], points: &[f32], cor
         normals = Some(values.clone());
     }
     if let Some(i) = find(attributes, Semantic::Tangent)
-        && let (4, Some(values)) = (attributes[i].1.components, attributes[i].1.as_f32_mut())
+        && let (4, Some(values)) = (attributes[i].attribute.components, attributes[i].attribute.as_f32_mut())
     {
         for (vertex, tangent) in values.as_chunks_mut::<4>().0.iter_mut().enumerate() {
             let normal = normals.as_ref().map_or(glam::Vec3::Z, |n| glam::Vec3::from_slice(&n[3 * vertex..]));
@@ -358,44 +379,50 @@ fn vertex_normals(points: &[f32], corners: &[u32]) -> Vec<glam::Vec3> {
 
 /// Makes the weights of each vertex sum to one, exactly in the integers that they are stored in; a joint named twice
 /// counts once, and one without weight is joint 0, as glTF asks.
-fn repair_weights(attributes: &mut [(String, Attribute)]) {
+fn repair_weights(attributes: &mut [Picked<'_>]) {
     let mut sets = Vec::new();
     for set in 0.. {
-        let find = |semantic| attributes.iter().position(|(_, a)| a.semantic == semantic && a.components == 4);
+        let find = |semantic| {
+            attributes.iter().map(|a| &a.attribute).position(|a| a.semantic == semantic && a.components == 4)
+        };
         match (find(Semantic::Joints(set)), find(Semantic::Weights(set))) {
             (Some(joints), Some(weights)) => sets.push((joints, weights)),
             _ => break,
         }
     }
     let Some(&(_, first)) = sets.first() else { return };
-    let Storage { component, normalized, .. } = attributes[first].1.storage;
+    let Storage { component, normalized, .. } = attributes[first].attribute.storage;
     let steps = match component {
         ComponentType::U8 if normalized => Some(255),
         ComponentType::U16 if normalized => Some(65535),
         _ => None,
     };
-    if sets.iter().any(|&(_, weights)| attributes[weights].1.storage != attributes[first].1.storage) {
+    if sets.iter().any(|&(_, weights)| attributes[weights].attribute.storage != attributes[first].attribute.storage) {
         // sets of different precision cannot sum up exactly together
-        sets.iter().for_each(|&(_, weights)| attributes[weights].1.storage = Storage::F32);
+        sets.iter().for_each(|&(_, weights)| attributes[weights].attribute.storage = Storage::F32);
     }
-    let steps = steps.filter(|_| attributes[first].1.storage.component == component);
+    let steps = steps.filter(|_| attributes[first].attribute.storage.component == component);
     let mut influences: Vec<(u32, f64)> = Vec::with_capacity(4 * sets.len());
-    for vertex in 0..attributes[first].1.len() {
+    for vertex in 0..attributes[first].attribute.len() {
         influences.clear();
         for &(joints, weights) in &sets {
-            let joints =
-                attributes[joints].1.as_u32().map_or([0; 4], |j| j[4 * vertex..][..4].try_into().expect("four"));
-            let weights =
-                attributes[weights].1.as_f32().map_or([0.0; 4], |w| w[4 * vertex..][..4].try_into().expect("four"));
+            let joints = attributes[joints]
+                .attribute
+                .as_u32()
+                .map_or([0; 4], |j| j[4 * vertex..][..4].try_into().expect("four"));
+            let weights = attributes[weights]
+                .attribute
+                .as_f32()
+                .map_or([0.0; 4], |w| w[4 * vertex..][..4].try_into().expect("four"));
             influences.extend(joints.into_iter().zip(weights.map(f64::from)));
         }
         settle(&mut influences, steps);
         for (set, four) in influences.as_chunks::<4>().0.iter().enumerate() {
             let (joints, weights) = sets[set];
-            if let Values::U32(all) = &mut attributes[joints].1.values {
+            if let Values::U32(all) = &mut attributes[joints].attribute.values {
                 all[4 * vertex..][..4].copy_from_slice(&four.map(|(joint, _)| joint));
             }
-            if let Some(all) = attributes[weights].1.as_f32_mut() {
+            if let Some(all) = attributes[weights].attribute.as_f32_mut() {
                 all[4 * vertex..][..4].copy_from_slice(&four.map(|(_, weight)| weight as f32));
             }
         }

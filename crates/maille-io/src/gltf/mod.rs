@@ -67,8 +67,13 @@ struct View {
 impl Document {
     /// Takes a JSON and the content of its buffers, and checks what everything else relies on.
     fn new(json: Value, buffers: Vec<Vec<u8>>, folder: Option<&Path>) -> Checked<Self> {
-        for key in ["accessors", "meshes", "nodes", "scenes", "skins", "animations", "images", "materials"] {
-            list(&json, key)?;
+        for key in
+            ["accessors", "bufferViews", "meshes", "nodes", "scenes", "skins", "animations", "images", "materials"]
+        {
+            check_objects(&json, key)?;
+        }
+        for (i, mesh) in list(&json, "meshes")?.iter().enumerate() {
+            check_objects(mesh, "primitives").within_item("meshes", i)?;
         }
         let views = list(&json, "bufferViews")?.iter().enumerate();
         let views = views.map(|(i, view)| View::new(view, &buffers).within_item("bufferViews", i));
@@ -97,6 +102,14 @@ impl Document {
     /// Bytes in all buffers.
     fn byte_count(&self) -> usize {
         self.buffers.iter().map(Vec::len).sum()
+    }
+}
+
+/// That a member is an array of objects, or absent.
+fn check_objects(object: &Value, key: &str) -> Checked<()> {
+    match list(object, key)?.iter().position(|item| !item.is_object()) {
+        Some(i) => Err(Fault::new("expected an object")).within_item(key, i),
+        None => Ok(()),
     }
 }
 
