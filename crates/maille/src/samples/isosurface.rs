@@ -81,7 +81,7 @@ impl<F: Fn(Vec3) -> f32 + Sync> Isosurface<F> {
             .near_surface(IVec3::ZERO, blocks)
             .into_par_iter()
             .map(|at| (at, grid.march(at)))
-            .filter(|(_, block)| !block.edges.is_empty())
+            .filter(|(_, block)| !(block.edges.is_empty() && block.triangles.is_empty()))
             .collect();
         largest_component(link(&blocks))
     }

@@ -16,7 +16,7 @@ const FLOOR: f32 = 0.21;
 /// Time and memory grow linearly.
 pub fn statue(triangles: usize) -> Mesh {
     let low = Vec3::new(-0.30, -0.02, -0.38);
-    let high = Vec3::new(0.30, 1.08, 0.38);
+    let high = Vec3::new(0.30, 1.06, 0.38);
     let surface = Isosurface { distance, low, high, noise: 0.1 }.with_triangles(triangles);
     Mesh::from_triangles(surface.positions, surface.triangles).expect("extracted indices are in range")
 }
@@ -120,9 +120,9 @@ fn eyes(m: Vec3, face: f32) -> f32 {
     // almonds that rise outwards, within a carved rim with the line of kohl behind it
     let e = m - Vec3::new(0.0345, 0.856, 0.178);
     let e = Vec3::new(e.x * 0.95 + e.y * 0.31, e.y * 0.95 - e.x * 0.31, e.z);
-    let rim = ellipsoid(e, Vec3::new(0.0225, 0.0135, 0.022));
+    let rim = ellipsoid(e, Vec3::new(0.0225, 0.0138, 0.016));
     let line = round_cone(e, Vec3::new(0.018, 0.0, -0.002), Vec3::new(0.042, -0.001, -0.022), 0.0035, 0.0022);
-    let ball = ellipsoid(e + Vec3::new(0.0, 0.0, 0.003), Vec3::new(0.0175, 0.0098, 0.0175));
+    let ball = ellipsoid(e + Vec3::new(0.0, 0.0, 0.006), Vec3::new(0.0178, 0.0100, 0.0225));
     carve(face, rim.min(line), 0.004).min(ball)
 }
 
