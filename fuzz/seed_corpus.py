@@ -1,6 +1,8 @@
 #!/usr/bin/env python3
 """Makes the small corpus from which the readers are fuzzed: one file for each form of each format. Run it in fuzz/."""
 
+import base64
+import json
 import struct
 from pathlib import Path
 
@@ -59,11 +61,46 @@ def off():
          + b"".join(struct.pack(">5i", 3, *f, 0) for f in FACES))
 
 
+def gltf():
+    positions = b"".join(struct.pack("<3f", *p) for p in POINTS)
+    indices = struct.pack("<6H", *(i for f in FACES for i in f))
+    sparse = struct.pack("<HH3f", 2, 0, 0, 0, 1)
+    matrices = struct.pack("<16f", *(float(i % 5 == 0) for i in range(16)))
+    binary = positions + indices + sparse + bytes(range(16)) + matrices
+    ends = [0, 48, 60, 64, 76, 92, 156]
+    views = [{"buffer": 0, "byteOffset": a, "byteLength": b - a} for a, b in zip(ends, ends[1:])]
+    accessors = [
+        {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
+        {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"},
+        {"componentType": 5126, "count": 4, "type": "VEC3", "sparse": {
+            "count": 1, "indices": {"bufferView": 2, "componentType": 5123}, "values": {"bufferView": 3}}},
+        {"bufferView": 4, "componentType": 5121, "normalized": True, "count": 4, "type": "VEC4"},
+        {"bufferView": 5, "componentType": 5126, "count": 1, "type": "MAT4"},
+    ]
+    attributes = {"POSITION": 0, "COLOR_0": 3, "JOINTS_0": 3, "WEIGHTS_0": 3, "_ID": 3}
+    document = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0, 1]}],
+        "nodes": [{"mesh": 0, "skin": 0, "weights": [0.5]}, {"mesh": 0, "children": [2], "scale": [2, 2, 2]},
+                  {"mesh": 0, "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}}],
+        "skins": [{"joints": [1], "inverseBindMatrices": 4}],
+        "meshes": [{"primitives": [
+            {"attributes": attributes, "indices": 1, "targets": [{"POSITION": 2}]},
+            {"attributes": {"POSITION": 0}, "mode": 5}, {"attributes": {"POSITION": 0}, "mode": 0}]}],
+        "accessors": accessors, "bufferViews": views,
+    }
+    uri = "data:application/octet-stream;base64," + base64.b64encode(binary).decode()
+    save("gltf", "embedded.gltf", json.dumps({**document, "buffers": [{"byteLength": 156, "uri": uri}]}))
+    text = json.dumps({**document, "buffers": [{"byteLength": 156}]}).encode()
+    text += b" " * (-len(text) % 4)
+    body = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    save("gltf", "all.glb", struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body)
+
+
 def detect():
-    for target in ("ply", "obj", "stl", "off"):
+    for target in ("gltf", "ply", "obj", "stl", "off"):
         first = sorted((Path("corpus") / target).iterdir())[0]
         save("detect", first.name, first.read_bytes())
 
 
-for make in (ply, obj, stl, off, detect):
+for make in (gltf, ply, obj, stl, off, detect):
     make()
