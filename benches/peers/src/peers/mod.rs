@@ -1,0 +1,7 @@
+//! Other people's simplifiers.
+
+mod meshoptimizer;
+mod python;
+
+pub use meshoptimizer::Meshoptimizer;
+pub use python::PythonPeer;
