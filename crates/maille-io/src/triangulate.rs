@@ -280,6 +280,18 @@ mod tests {
     }
 
     #[test]
+    fn huge_polygons_of_nonsense_come_to_an_end() {
+        let nonsense = [f64::NAN, f64::INFINITY, 0.0, 1e308, -1.0, 3.4e38, f64::NEG_INFINITY];
+        let at = |i: usize| DVec3::new(nonsense[i % 7], nonsense[i % 5], nonsense[i * i % 7]);
+        for n in [7, 100, 5000] {
+            let points: Vec<_> = (0..n).map(at).collect();
+            assert_eq!(triangles_of(&points).len(), n - 2);
+            let spiral: Vec<_> = (0..n).map(|i| DVec3::new((i * 37 % 101) as f64, (i * 53 % 89) as f64, 0.0)).collect();
+            assert_eq!(triangles_of(&spiral).len(), n - 2);
+        }
+    }
+
+    #[test]
     fn huge_concave_polygons_go_through_earcut() {
         let star = |i: u32| {
             let (angle, radius) = (f64::from(i) * std::f64::consts::TAU / 6000.0, 1.0 + f64::from(i % 2));
