@@ -373,9 +373,9 @@ pub(crate) struct ManArgs {
 pub(crate) enum Preset {
     /// Half-edge collapses: vertices keep their places
     Fast,
-    /// Quadrics with constraints, optimal placement
+    /// Quadrics with constraints, the best place that keeps the volume
     Balanced,
-    /// Memoryless quadrics with constraints, optimal placement
+    /// Memoryless quadrics with constraints, the best place that keeps the volume
     Best,
     /// As balanced, but borders and topology may go: reaches the smallest counts
     Aggressive,

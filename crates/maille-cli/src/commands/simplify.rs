@@ -216,11 +216,11 @@ mod tests {
     #[test]
     fn options_override_parts_of_the_preset() {
         let asset = Asset::from_mesh("cube", maille::mesh::shapes::cube());
-        let line =
-            "--max-error 1% --preset aggressive --metric qem --boundary lock --max-normal-turn off --valence 4..11";
+        let line = "--max-error 1% --preset aggressive --metric qem --placement midpoint --boundary lock \
+                    --max-normal-turn off --valence 4..11";
         let found = options(&parsed(line), &asset, 2.0).simplify;
         assert_eq!(found.target.max_error, Some(0.02));
-        assert_eq!((found.metric, found.placement), (MetricKind::Quadric, PlacementKind::Optimal));
+        assert_eq!((found.metric, found.placement), (MetricKind::Quadric, PlacementKind::Midpoint));
         assert_eq!((found.boundary, found.seams), (EdgePolicy::Lock, EdgePolicy::Free));
         assert_eq!((found.max_normal_turn, found.valence), (None, Some((4, 11))));
         assert!(!found.preserve_topology);

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use maille::measure::{CompareOptions, compare};
-use maille::simplify::{MetricKind, PlacementKind, SimplifyOptions, simplify};
+use maille::simplify::{MetricKind, PlacementKind, SimplifyOptions, Target, simplify};
 use maille::{Mesh, samples};
 
 use super::failed;
@@ -76,13 +76,18 @@ fn row(session: &Session, mesh: &Mesh, name: &'static str, metric: MetricKind, t
     })
 }
 
-/// As in the thesis: nothing is forbidden, and the shortest edge goes to its middle.
+/// As in the thesis: nothing is forbidden, the shortest edge goes to its middle, and quadrics choose the best place.
 fn options(metric: MetricKind, triangles: usize) -> SimplifyOptions {
-    let mut options =
-        SimplifyOptions { metric, preserve_topology: false, max_normal_turn: None, ..SimplifyOptions::default() };
-    if metric == MetricKind::ShortestEdge {
-        options.placement = PlacementKind::Midpoint;
+    let placement = match metric {
+        MetricKind::ShortestEdge => PlacementKind::Midpoint,
+        _ => PlacementKind::Optimal,
+    };
+    SimplifyOptions {
+        target: Target { triangles: Some(triangles), max_error: None },
+        metric,
+        placement,
+        preserve_topology: false,
+        max_normal_turn: None,
+        ..SimplifyOptions::default()
     }
-    options.target.triangles = Some(triangles);
-    options
 }
