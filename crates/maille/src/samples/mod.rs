@@ -5,11 +5,14 @@
 
 mod distance;
 mod isosurface;
+mod mechanical;
 mod noise;
+mod part;
 mod rig;
 mod statue;
 #[cfg(test)]
 mod testing;
 
+pub use mechanical::mechanical;
 pub use rig::{Channel, Character, Clip, Joint, Keys, Skeleton};
 pub use statue::statue;

@@ -7,17 +7,19 @@ use super::isosurface::Isosurface;
 use super::noise::{fractal, smoothstep};
 use crate::Mesh;
 
-/// Height of the top of the plinth.
+/// Height at which the cat sits in its own coordinates.
 const FLOOR: f32 = 0.21;
+/// Height of the top of the plinth.
+const TOP: f32 = 0.12;
 
 /// A statue of about `triangles` triangles: one closed manifold with tool marks in the stone and scan noise at the size
-/// of a triangle. 1 m high, no attributes.
+/// of a triangle. 0.92 m high, no attributes.
 ///
 /// Time and memory grow linearly.
 pub fn statue(triangles: usize) -> Mesh {
-    let low = Vec3::new(-0.30, -0.02, -0.38);
-    let high = Vec3::new(0.30, 1.06, 0.38);
-    let surface = Isosurface { distance, low, high, noise: 0.1 }.with_triangles(triangles);
+    let low = Vec3::new(-0.22, -0.01, -0.31);
+    let high = Vec3::new(0.22, 0.93, 0.31);
+    let surface = Isosurface { distance, low, high, noise: 0.06 }.with_triangles(triangles);
     Mesh::from_triangles(surface.positions, surface.triangles).expect("extracted indices are in range")
 }
 
@@ -25,9 +27,10 @@ pub fn statue(triangles: usize) -> Mesh {
 const SLOPE: f32 = 0.8;
 
 fn distance(p: Vec3) -> f32 {
-    let rough = cat(p).min(plinth(p));
-    if rough > 0.02 {
-        return SLOPE * rough;
+    let rough = cat(p + Vec3::Y * (FLOOR - TOP)).min(plinth(p));
+    if rough.abs() > 0.005 {
+        // too far off for marks to matter; less than the distance with them
+        return SLOPE * (rough - 0.003 * rough.signum());
     }
     // chisel marks, then grain
     let marks = 0.0025 * fractal(p * 22.0, 2, 11) + 0.0009 * fractal(p * 130.0, 2, 12);
@@ -35,19 +38,23 @@ fn distance(p: Vec3) -> f32 {
 }
 
 fn plinth(p: Vec3) -> f32 {
-    let slab = |y: f32, half: Vec3| rounded_box(p - Vec3::new(0.0, y, 0.0), half, 0.008);
-    let body = slab(0.115, Vec3::new(0.195, 0.08, 0.285)) + relief(p);
-    let foot = slab(0.03, Vec3::new(0.225, 0.03, 0.315));
-    let top = slab(0.19, Vec3::new(0.215, 0.02, 0.305));
-    join(join(body, foot, 0.02), top, 0.015)
+    let above = p.y - TOP;
+    if above > 0.02 {
+        return above;
+    }
+    let slab = |y: f32, half: Vec3| rounded_box(p - Vec3::new(0.0, y, 0.0), half, 0.006);
+    let body = slab(0.062, Vec3::new(0.195, 0.05, 0.280)) + relief(p);
+    let foot = slab(0.012, Vec3::new(0.212, 0.012, 0.297));
+    let top = slab(TOP - 0.011, Vec3::new(0.208, 0.011, 0.293));
+    join(join(body, foot, 0.012), top, 0.010)
 }
 
 /// A band of lotus petals around the plinth, carved 4 mm deep.
 fn relief(p: Vec3) -> f32 {
     // the coordinate along whichever side is nearer, petals of 39 mm
-    let along = if p.x.abs() - 0.195 > p.z.abs() - 0.285 { p.z } else { p.x };
+    let along = if p.x.abs() - 0.195 > p.z.abs() - 0.280 { p.z } else { p.x };
     let petal = (along / 0.039 + 0.5).rem_euclid(1.0) - 0.5;
-    let height = (p.y - 0.065) / 0.10;
+    let height = (p.y - 0.026) / 0.070;
     if !(0.0..1.0).contains(&height) {
         return 0.0;
     }
@@ -57,17 +64,25 @@ fn relief(p: Vec3) -> f32 {
     0.004 * groove * smoothstep(0.0, 0.06, height) * smoothstep(1.0, 0.94, height)
 }
 
+/// A shape that lies within a box; far off, the distance of the box is told instead.
+fn within(p: Vec3, low: [f32; 3], high: [f32; 3], shape: impl FnOnce() -> f32) -> f32 {
+    let (low, high) = (Vec3::from(low), Vec3::from(high));
+    let bound = (low - p).max(p - high).max(Vec3::ZERO).length();
+    // more than any fillet is wide
+    if bound > 0.065 { bound } else { shape() }
+}
+
 fn cat(p: Vec3) -> f32 {
-    // left and right are alike but for the tail
-    let m = Vec3::new(p.x.abs(), p.y, p.z);
-    let reach = rounded_box(p - Vec3::new(0.0, 0.63, -0.01), Vec3::new(0.19, 0.43, 0.27), 0.0);
-    if reach > 0.06 {
-        return reach;
-    }
-    let torso = join(trunk(m) + necklace(p), legs(m), 0.035);
-    let head = join(torso, head(m), 0.03);
-    let collared = head.min(collar(p));
-    join(collared, tail(p), 0.012)
+    within(p, [-0.20, 0.20, -0.27], [0.20, 0.995, 0.26], || {
+        // left and right are alike but for the tail
+        let m = Vec3::new(p.x.abs(), p.y, p.z);
+        let legs = within(m, [0.0, 0.20, -0.20], [0.20, 0.60, 0.24], || legs(m));
+        let head = within(m, [0.0, 0.77, 0.02], [0.09, 0.99, 0.23], || head(m));
+        let collar = within(p, [-0.08, 0.64, -0.0], [0.08, 0.76, 0.18], || collar(p));
+        let tail = within(p, [-0.02, 0.20, -0.27], [0.20, 0.29, 0.21], || tail(p));
+        let body = join(join(trunk(m) + necklace(p), legs, 0.035), head, 0.03);
+        join(body.min(collar), tail, 0.012)
+    })
 }
 
 fn trunk(m: Vec3) -> f32 {
@@ -111,27 +126,35 @@ fn head(m: Vec3) -> f32 {
     let nose = ellipsoid(m - Vec3::new(0.0, 0.829, 0.214), Vec3::new(0.0125, 0.008, 0.008));
     let face = join(join(skull, cheek, 0.03), bridge, 0.02);
     let face = join(join(face, muzzle, 0.014), chin, 0.008);
-    let mouth = round_cone(m, Vec3::new(0.0, 0.806, 0.220), Vec3::new(0.028, 0.799, 0.205), 0.0022, 0.0015);
-    let face = carve(join(face, nose, 0.005), mouth, 0.004);
+    let mouth = round_cone(m, Vec3::new(0.0, 0.806, 0.216), Vec3::new(0.030, 0.798, 0.203), 0.001, 0.001);
+    let face = join(face, nose, 0.005) + engraving(mouth, 0.004);
     join(eyes(m, face), ears(m), 0.02)
 }
 
 fn eyes(m: Vec3, face: f32) -> f32 {
-    // almonds that rise outwards, within a carved rim with the line of kohl behind it
+    // almonds that rise outwards: lids stand out, a groove parts them from the ball, kohl runs on to the temple
     let e = m - Vec3::new(0.0345, 0.856, 0.178);
     let e = Vec3::new(e.x * 0.95 + e.y * 0.31, e.y * 0.95 - e.x * 0.31, e.z);
-    let rim = ellipsoid(e, Vec3::new(0.0225, 0.0138, 0.016));
-    let line = round_cone(e, Vec3::new(0.018, 0.0, -0.002), Vec3::new(0.042, -0.001, -0.022), 0.0035, 0.0022);
-    let ball = ellipsoid(e + Vec3::new(0.0, 0.0, 0.006), Vec3::new(0.0178, 0.0100, 0.0225));
-    carve(face, rim.min(line), 0.004).min(ball)
+    let lids = ellipsoid(e + Vec3::Z * 0.004, Vec3::new(0.0275, 0.0180, 0.0185));
+    let ball = ellipsoid(e + Vec3::Z * 0.002, Vec3::new(0.0205, 0.0125, 0.0180));
+    let almond = Vec2::new(e.x / 0.0215, e.y / 0.0130).length() - 1.0;
+    let kohl = round_cone(e, Vec3::new(0.022, 0.0, 0.0), Vec3::new(0.046, -0.001, -0.022), 0.003, 0.002);
+    let slit = round_cone(e, Vec3::new(0.0, -0.005, 0.016), Vec3::new(0.0, 0.005, 0.016), 0.001, 0.001);
+    let eye = join(join(face, lids, 0.010), ball, 0.002);
+    eye + engraving(0.013 * almond.abs(), 0.003) + engraving(kohl, 0.003) + engraving(slit, 0.003)
+}
+
+/// How much to cut away at a distance from a line: a groove half as deep as wide.
+fn engraving(distance: f32, width: f32) -> f32 {
+    0.5 * width * (1.0 - smoothstep(0.0, width, distance))
 }
 
 fn ears(m: Vec3) -> f32 {
     // upright leaves, hollow in front; flattened along z, where distances shrink by as much
     let flat = 0.55;
     let q = |z: f32| Vec3::new(m.x, m.y, (m.z - z) / flat);
-    let leaf = round_cone(q(0.095), Vec3::new(0.045, 0.885, 0.0), Vec3::new(0.064, 0.995, -0.02), 0.036, 0.006);
-    let hollow = round_cone(q(0.117), Vec3::new(0.047, 0.905, 0.0), Vec3::new(0.063, 0.972, -0.02), 0.025, 0.005);
+    let leaf = round_cone(q(0.095), Vec3::new(0.045, 0.885, 0.0), Vec3::new(0.064, 0.980, -0.02), 0.038, 0.007);
+    let hollow = round_cone(q(0.121), Vec3::new(0.047, 0.898, 0.0), Vec3::new(0.063, 0.964, -0.02), 0.028, 0.006);
     carve(leaf * flat, hollow * flat, 0.004)
 }
 
@@ -148,7 +171,7 @@ fn collar(p: Vec3) -> f32 {
 fn necklace(p: Vec3) -> f32 {
     let from_neck = Vec3::new(p.x, p.y - 0.735, p.z - 0.075);
     let radius = from_neck.length();
-    if !(0.085..0.20).contains(&radius) || p.z < 0.02 {
+    if !(0.085..0.20).contains(&radius) || p.z < 0.02 || p.y > 0.71 {
         return 0.0;
     }
     let row = radius / 0.0165;
@@ -157,7 +180,7 @@ fn necklace(p: Vec3) -> f32 {
     let direction = Vec2::new(from_neck.x, -from_neck.y).normalize_or_zero();
     let bead = direction.x * 22.0 + 0.5 * (row.round() % 2.0);
     let gap = 1.0 - smoothstep(0.06, 0.18, (bead - bead.round()).abs());
-    let fade = smoothstep(0.20, 0.192, radius) * smoothstep(0.02, 0.045, p.z);
+    let fade = smoothstep(0.20, 0.192, radius) * smoothstep(0.02, 0.045, p.z) * smoothstep(0.71, 0.70, p.y);
     0.0022 * groove.max(0.7 * gap) * fade
 }
 
