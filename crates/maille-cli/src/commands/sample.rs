@@ -20,12 +20,20 @@ struct Model {
     make: fn(usize) -> Asset,
 }
 
-const MODELS: [Model; 1] = [Model {
-    name: "statue",
-    about: "a scanned cat on a plinth: one closed surface with fine noise, any size",
-    triangles: 100_000,
-    make: |triangles| Asset::from_mesh("statue", samples::statue(triangles)),
-}];
+const MODELS: [Model; 2] = [
+    Model {
+        name: "statue",
+        about: "a scanned cat on a plinth: one closed surface with fine noise, any size",
+        triangles: 100_000,
+        make: |triangles| Asset::from_mesh("statue", samples::statue(triangles)),
+    },
+    Model {
+        name: "mechanical",
+        about: "a gear on a ribbed flange: flat and round faces, sharp edges, holes, long triangles",
+        triangles: 30_000,
+        make: |triangles| Asset::from_mesh("mechanical", samples::mechanical(triangles)),
+    },
+];
 
 /// Smallest and largest number of triangles that can be asked for.
 const FEWEST: usize = 100;
