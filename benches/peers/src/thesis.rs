@@ -122,7 +122,7 @@ fn simplified(mesh: &Mesh, metric: MetricKind, triangles: usize) -> Result<(Mesh
     let mut options = SimplifyOptions {
         metric,
         placement: if shortest { PlacementKind::Midpoint } else { PlacementKind::Optimal },
-        preserve_topology: false,
+        topology: TopologyPolicy::Free,
         max_normal_turn: None,
         ..SimplifyOptions::default()
     };

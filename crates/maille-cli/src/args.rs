@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 use maille::repair::{self, ParseRepairError, Repair};
-use maille::simplify::{EdgePolicy, MetricKind, NormalPolicy, PlacementKind, QuadricWeight};
+use maille::simplify::{EdgePolicy, MetricKind, NormalPolicy, PlacementKind, QuadricWeight, TopologyPolicy};
 
 const AFTER_HELP: &str = "\
 Exit codes:
@@ -184,9 +184,10 @@ pub(crate) struct SimplifyArgs {
     /// How strongly preserved edges are held: 1 counts as much as a square of the edge's length.
     #[arg(long, value_name = "W", default_value_t = 1.0, value_parser = parse_non_negative, help_heading = "Constraints")]
     pub(crate) constraint_weight: f64,
-    /// Let collapses change the topology: close handles, join and drop parts.
-    #[arg(long, help_heading = "Constraints")]
-    pub(crate) no_preserve_topology: bool,
+    /// What collapses may do to the topology. preserve: nothing; manifold: close holes of three edges, drop the last
+    /// triangles of a component; free: anything, non-manifold edges too. Default: manifold.
+    #[arg(long, value_name = "POLICY", value_parser = TOPOLOGIES, help_heading = "Constraints")]
+    pub(crate) topology: Option<String>,
     /// Refuse collapses that turn a triangle's normal by more than this angle in degrees; `off`: allow all.
     #[arg(long, value_name = "DEG", default_value = "75", value_parser = parse_turn, help_heading = "Constraints")]
     pub(crate) max_normal_turn: Turn,
@@ -457,6 +458,7 @@ impl From<Normals> for NormalPolicy {
 }
 
 const METRICS: [&str; MetricKind::NAMES.len()] = names(MetricKind::NAMES);
+const TOPOLOGIES: [&str; TopologyPolicy::NAMES.len()] = names(TopologyPolicy::NAMES);
 const PLACEMENTS: [&str; PlacementKind::NAMES.len()] = names(PlacementKind::NAMES);
 
 const fn names<T: Copy, const N: usize>(pairs: [(&'static str, T); N]) -> [&'static str; N] {

@@ -2,7 +2,9 @@
 
 use std::time::Instant;
 
-use maille::simplify::{EdgePolicy, MetricKind, PlacementKind, Refusals, SimplifyError, SimplifyOptions, Stop};
+use maille::simplify::{
+    EdgePolicy, MetricKind, PlacementKind, Refusals, SimplifyError, SimplifyOptions, Stop, TopologyPolicy,
+};
 use maille_io::{Asset, AssetOptions, AssetReport, ProcessError, WriteOptions, simplify_asset};
 use serde_json::{Value, json};
 
@@ -54,7 +56,9 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
         }
     }
     simplify.constraint_weight = args.constraint_weight;
-    simplify.preserve_topology &= !args.no_preserve_topology;
+    if let Some(topology) = args.topology.as_deref().and_then(|name| by_name(&TopologyPolicy::NAMES, name)) {
+        simplify.topology = topology;
+    }
     simplify.max_normal_turn = args.max_normal_turn.0.map(f64::to_radians);
     simplify.valence = args.valence;
     simplify.min_quality = args.min_quality;
@@ -69,13 +73,13 @@ pub(crate) fn preset(preset: Preset) -> SimplifyOptions {
     let balanced = SimplifyOptions::default();
     match preset {
         Preset::Balanced => balanced,
-        Preset::Fast => SimplifyOptions { placement: PlacementKind::Subset, ..balanced },
+        Preset::Fast => SimplifyOptions { placement: PlacementKind::Optimal, ..balanced },
         Preset::Best => SimplifyOptions { metric: MetricKind::ConstrainedMemorylessQuadric, ..balanced },
         Preset::Aggressive => SimplifyOptions {
             boundary: EdgePolicy::Free,
             seams: EdgePolicy::Free,
             material_borders: EdgePolicy::Free,
-            preserve_topology: false,
+            topology: TopologyPolicy::Free,
             ..balanced
         },
     }
@@ -223,6 +227,6 @@ mod tests {
         assert_eq!((found.metric, found.placement), (MetricKind::Quadric, PlacementKind::Midpoint));
         assert_eq!((found.boundary, found.seams), (EdgePolicy::Lock, EdgePolicy::Free));
         assert_eq!((found.max_normal_turn, found.valence), (None, Some((4, 11))));
-        assert!(!found.preserve_topology);
+        assert_eq!(found.topology, TopologyPolicy::Free);
     }
 }

@@ -231,6 +231,7 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         }
         if self.try_collapse(edge, &candidate) {
             self.update_queue(queue);
+            self.drop_leftover(queue);
         } else {
             queue.remove(edge);
         }
@@ -261,9 +262,21 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
             self.mesh.frame().leave(candidate.position)
         };
         let error = candidate.error_sq.sqrt() * self.mesh.frame().unit();
+        self.collapse(edge, [kept, removed], position, (t as f32, error), true)
+    }
+
+    /// Makes a collapse, after the tests if they are wanted. The rings of both ends must be in place.
+    fn collapse(
+        &mut self,
+        edge: u32,
+        [kept, removed]: [u32; 2],
+        position: [f32; 3],
+        (t, error): (f32, f64),
+        test: bool,
+    ) -> bool {
         let (kept_ring, removed_ring) = (&self.kept_ring, &self.removed_ring);
-        let collapse = Collapse { edge, kept, removed, position, t: t as f32, error, kept_ring, removed_ring };
-        if !self.limits.allow(self.mesh, &collapse, &mut self.marks, &mut self.outcome.refused) {
+        let collapse = Collapse { edge, kept, removed, position, t, error, kept_ring, removed_ring };
+        if test && !self.limits.allow(self.mesh, &collapse, &mut self.marks, &mut self.outcome.refused) {
             return false;
         }
         self.observer.on_collapse(self.mesh, &collapse);
@@ -278,6 +291,26 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
             self.importance[kept as usize] = merged;
         }
         true
+    }
+
+    /// Takes away two faces back to back, which is what the collapse just made has left of a tetrahedron.
+    fn drop_leftover(&mut self, queue: &mut Queue) {
+        let &[edge, _] = self.effect.edges.as_slice() else { return };
+        let mut ends = self.mesh.ends(edge);
+        let faces = |v: u32| self.mesh.faces_around(v).count();
+        if ends.map(faces).iter().min() != Some(&2) {
+            return;
+        }
+        ends.sort_by_key(|&v| std::cmp::Reverse(faces(v)));
+        let [kept, removed] = ends;
+        self.mesh.ring(kept, &mut self.kept_ring);
+        self.mesh.ring(removed, &mut self.removed_ring);
+        let back_to_back = self.removed_ring.iter().all(|face| face.x == kept || face.y == kept);
+        let same = self.removed_ring[0].x == self.removed_ring[1].y && self.removed_ring[0].y == self.removed_ring[1].x;
+        if back_to_back && same {
+            self.collapse(edge, ends, self.mesh.position(kept), (0.0, 0.0), false);
+            self.update_queue(queue);
+        }
     }
 
     /// Brings the queue up to date after a collapse.

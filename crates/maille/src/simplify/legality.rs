@@ -2,14 +2,14 @@
 
 use glam::DVec3;
 
-use super::options::Refusals;
+use super::options::{Refusals, TopologyPolicy};
 use crate::topology::collapse_mesh::{CollapseMesh, Marks, RingFace};
 
 /// Which tests are made.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// The link condition.
-    pub preserve_topology: bool,
+    /// What may happen to the topology.
+    pub topology: TopologyPolicy,
     /// Least cosine of the angle by which a face's normal may turn.
     pub min_normal_cos: Option<f64>,
     /// Least and largest valence of the merged vertex, and least of its neighbours'.
@@ -61,7 +61,7 @@ impl Limits {
     ) -> bool {
         let counter = if self.min_normal_cos.is_some_and(|cos| folds_over(mesh, collapse, cos)) {
             &mut refused.fold_over
-        } else if self.preserve_topology && !keeps_topology(collapse, marks) {
+        } else if !keeps_topology(collapse, self.topology, marks) {
             &mut refused.topology
         } else if self.valence.is_some_and(|range| leaves_valence(mesh, collapse, marks, range)) {
             &mut refused.valence
@@ -76,20 +76,27 @@ impl Limits {
 }
 
 /// The link condition (Dey et al. 1999; seed 001, 2.3.3): the links of the two ends meet in the link of the edge and
-/// nowhere else. Borders are closed by an imaginary vertex, as in the seed.
-fn keeps_topology(collapse: &Collapse<'_>, marks: &mut Marks) -> bool {
+/// nowhere else. Borders are closed by an imaginary vertex, as in the seed. [`TopologyPolicy::Manifold`] makes the two
+/// exceptions that it names.
+fn keeps_topology(collapse: &Collapse<'_>, policy: TopologyPolicy, marks: &mut Marks) -> bool {
     /// Bits of a mark: in the link of the kept vertex, opposite to the edge, in the link of the removed vertex.
     const KEPT: u32 = 1;
     const APEX: u32 = 2;
     const REMOVED: u32 = 4;
+    if policy == TopologyPolicy::Free {
+        return true;
+    }
+    let lenient = policy == TopologyPolicy::Manifold;
     marks.clear();
     let dying = collapse.kept_ring.iter().filter(|face| collapse.kills(face)).count();
     if dying == 0 {
         return true; // a pair to be joined: that is meant to change the topology
     }
-    if dying > 2 || dying == collapse.kept_ring.len() || dying == collapse.removed_ring.len() {
-        // an edge of many faces, or nothing would be left at one of the ends
-        return false;
+    if dying > 2 {
+        return false; // an edge of many faces
+    }
+    if dying == collapse.kept_ring.len() && dying == collapse.removed_ring.len() {
+        return lenient; // the last faces of a component, or a flap that hangs by a vertex
     }
     for face in collapse.kept_ring {
         let apex = if collapse.kills(face) { APEX } else { 0 };
@@ -102,18 +109,21 @@ fn keeps_topology(collapse: &Collapse<'_>, marks: &mut Marks) -> bool {
         for v in [face.x, face.y].into_iter().filter(|&v| v != collapse.kept) {
             let before = marks.get(v).unwrap_or(0);
             if before & KEPT != 0 && before & APEX == 0 {
-                return false; // a common neighbour that no face joins to the edge
+                // a common neighbour that no face joins to the edge: three edges around a hole, or around a handle
+                let on_border = |ring: &[RingFace]| ring.iter().filter(|face| face.x == v || face.y == v).count() == 1;
+                if !(lenient && on_border(collapse.kept_ring) && on_border(collapse.removed_ring)) {
+                    return false;
+                }
             }
             marks.set(v, before | REMOVED);
         }
     }
     // an edge between two apexes with a face to either end: the two faces would fall together
     let apexes = |v: u32| v != collapse.kept && v != collapse.removed && marks.get(v).is_some_and(|m| m & APEX != 0);
-    let joins_apexes = |face: &&RingFace| !collapse.kills(face) && apexes(face.x) && apexes(face.y);
-    if collapse.kept_ring.iter().any(|face| joins_apexes(&face))
-        && collapse.removed_ring.iter().any(|face| joins_apexes(&face))
-    {
-        return false;
+    let joins_apexes = |face: &RingFace| !collapse.kills(face) && apexes(face.x) && apexes(face.y);
+    if collapse.kept_ring.iter().any(joins_apexes) && collapse.removed_ring.iter().any(joins_apexes) {
+        // a tetrahedron may go as a whole: the driver takes away what is left of it
+        return lenient && collapse.kept_ring.len() == 3 && collapse.removed_ring.len() == 3 && dying == 2;
     }
     // two border vertices may only merge along the border: else it is pinched
     dying == 1 || !(is_on_border(collapse.kept_ring) && is_on_border(collapse.removed_ring))

@@ -29,7 +29,7 @@ pub use legality::{Collapse, Limits, triangle_quality};
 pub use metric::{Anchor, Candidate, EdgeContext, Metric, QuadricMetric, QuadricOptions, ShortestEdge, Update};
 pub use options::{
     EdgePolicy, MetricKind, NormalPolicy, PlacementKind, QuadricWeight, Refusals, SimplifyError, SimplifyOptions,
-    SimplifyReport, Stop, Target,
+    SimplifyReport, Stop, Target, TopologyPolicy,
 };
 pub use quadric::Quadric;
 pub use wedges::WedgeMerger;
@@ -85,7 +85,7 @@ pub fn simplify(
     let request = Request {
         target_faces: options.target.triangles.unwrap_or(0),
         limits: Limits {
-            preserve_topology: options.preserve_topology,
+            topology: options.topology,
             min_normal_cos: options.max_normal_turn.map(f64::cos),
             valence: options.valence,
             min_quality: options.min_quality,

@@ -92,6 +92,26 @@ pub enum EdgePolicy {
     Lock,
 }
 
+/// What collapses may do to the topology.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub enum TopologyPolicy {
+    /// Nothing: the link condition holds for every collapse (Dey et al. 1999, seed 001, 2.3.3), so that components,
+    /// boundary loops and handles stay as they are.
+    Preserve,
+    /// What is manifold stays so, but a hole of three edges may close, and the last triangles of a component may go:
+    /// small holes and specks do not use up a coarse level's triangles.
+    #[default]
+    Manifold,
+    /// Anything: handles may close and parts touch, with non-manifold edges and vertices where they do.
+    Free,
+}
+
+impl TopologyPolicy {
+    /// All policies with the names the command line gives them.
+    pub const NAMES: [(&'static str, Self); 3] =
+        [("preserve", Self::Preserve), ("manifold", Self::Manifold), ("free", Self::Free)];
+}
+
 /// How the normals of merged wedges come about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
 pub enum NormalPolicy {
@@ -122,8 +142,8 @@ pub struct SimplifyOptions {
     /// Weight of the constraint planes of preserved edges, relative to the triangles (1: as much as a square of the
     /// edge's length).
     pub constraint_weight: f64,
-    /// Refuse collapses that change the topology (link condition; Dey et al. 1999, seed 001, 2.3.3).
-    pub preserve_topology: bool,
+    /// What collapses may do to the topology.
+    pub topology: TopologyPolicy,
     /// Refuse collapses after which a triangle's normal turns by more than this angle, in radians; `None`: allow all.
     pub max_normal_turn: Option<f64>,
     /// Refuse collapses that leave a vertex with a valence outside this range (seed 002 uses 4 to 11).
@@ -154,7 +174,7 @@ impl Default for SimplifyOptions {
             seams: EdgePolicy::default(),
             material_borders: EdgePolicy::default(),
             constraint_weight: 1.0,
-            preserve_topology: true,
+            topology: TopologyPolicy::default(),
             max_normal_turn: Some(75.0_f64.to_radians()),
             valence: None,
             min_quality: None,
@@ -184,7 +204,7 @@ pub enum Stop {
 /// How many candidate collapses each constraint refused (a pair may be refused several times).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Refusals {
-    /// By the link condition.
+    /// Because of the topology.
     pub topology: u64,
     /// By the fold-over test.
     pub fold_over: u64,

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use maille::measure::{CompareOptions, compare};
-use maille::simplify::{MetricKind, PlacementKind, SimplifyOptions, Target, simplify};
+use maille::simplify::{MetricKind, PlacementKind, SimplifyOptions, Target, TopologyPolicy, simplify};
 use maille::{Mesh, samples};
 
 use super::failed;
@@ -86,7 +86,7 @@ fn options(metric: MetricKind, triangles: usize) -> SimplifyOptions {
         target: Target { triangles: Some(triangles), max_error: None },
         metric,
         placement,
-        preserve_topology: false,
+        topology: TopologyPolicy::Free,
         max_normal_turn: None,
         ..SimplifyOptions::default()
     }
