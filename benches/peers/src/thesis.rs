@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use anyhow::{Context, Result, ensure};
 use maille::measure::{CompareOptions, compare};
-use maille::simplify::{MetricKind, PlacementKind, SimplifyOptions, simplify};
+use maille::simplify::{MetricKind, PlacementKind, SimplifyOptions, TopologyPolicy, simplify};
 use maille::{Control, Mesh, samples};
 use serde::Serialize;
 
