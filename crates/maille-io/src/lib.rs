@@ -17,6 +17,7 @@ mod off;
 mod output;
 mod ply;
 mod process;
+mod sample;
 mod settle;
 mod stl;
 mod text;
@@ -28,6 +29,7 @@ pub use error::{Place, ReadError, WriteError};
 pub use format::Format;
 pub use look::{Look, Texture};
 pub use process::{AssetOptions, AssetReport, ProcessError, find_attribute, simplify_asset};
+pub use sample::sample;
 
 use std::path::Path;
 

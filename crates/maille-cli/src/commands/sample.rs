@@ -2,38 +2,14 @@
 
 use std::path::Path;
 
-use maille::samples;
-use maille_io::{Asset, WriteOptions};
+use maille::samples::Sample;
+use maille_io::WriteOptions;
 use serde_json::json;
 
 use crate::args::SampleArgs;
 use crate::failure::Failure;
 use crate::output;
 use crate::session::Session;
-
-/// A model that is made in code.
-struct Model {
-    name: &'static str,
-    about: &'static str,
-    /// Triangles, unless the user asks for another number.
-    triangles: usize,
-    make: fn(usize) -> Asset,
-}
-
-const MODELS: [Model; 2] = [
-    Model {
-        name: "statue",
-        about: "a scanned cat on a plinth: one closed surface with fine noise, any size",
-        triangles: 100_000,
-        make: |triangles| Asset::from_mesh("statue", samples::statue(triangles)),
-    },
-    Model {
-        name: "mechanical",
-        about: "a gear on a ribbed flange: flat and round faces, sharp edges, holes, long triangles",
-        triangles: 30_000,
-        make: |triangles| Asset::from_mesh("mechanical", samples::mechanical(triangles)),
-    },
-];
 
 /// Smallest and largest number of triangles that can be asked for.
 const FEWEST: usize = 100;
@@ -48,21 +24,21 @@ pub(crate) fn run(args: &SampleArgs) -> Result<(), Failure> {
 
 fn list(args: &SampleArgs) -> Result<(), Failure> {
     if args.common.json {
-        return Ok(output::print_json(&json!({ "names": MODELS.map(|model| model.name) }))?);
+        return Ok(output::print_json(&json!({ "names": Sample::ALL.map(Sample::name) }))?);
     }
-    let rows = MODELS.iter().map(|model| format!("{:<12} {}\n", model.name, model.about));
+    let rows = Sample::ALL.iter().map(|sample| format!("{:<12} {}\n", sample.name(), sample.about()));
     Ok(output::print(&rows.collect::<String>())?)
 }
 
 fn make(args: &SampleArgs, name: &str, path: &Path) -> Result<(), Failure> {
-    let Some(model) = MODELS.iter().find(|model| model.name == name) else {
-        let known = MODELS.map(|model| model.name).join(", ");
+    let Some(sample) = Sample::from_name(name) else {
+        let known = Sample::ALL.map(Sample::name).join(", ");
         return Err(Failure::Usage(format!("there is no sample '{name}'; there are {known}")));
     };
     super::check_output(path)?;
     let session = Session::start(&args.common)?;
     let spinner = session.spinner(&format!("making the {name}"));
-    let asset = (model.make)(args.triangles.unwrap_or(model.triangles).clamp(FEWEST, MOST));
+    let asset = maille_io::sample(sample, args.triangles.unwrap_or(sample.default_triangles()).clamp(FEWEST, MOST));
     drop(spinner);
     session.write(&asset, path, &WriteOptions::default())?;
     if args.common.json {

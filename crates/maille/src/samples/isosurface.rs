@@ -238,9 +238,9 @@ fn largest_component(surface: Surface) -> Surface {
     }
     let mut new_ids = vec![u32::MAX; parent.len()];
     let mut positions = Vec::with_capacity(sizes[largest] as usize);
-    for v in 0..parent.len() {
+    for (v, new_id) in new_ids.iter_mut().enumerate() {
         if root(&mut parent, v as u32) as usize == largest {
-            new_ids[v] = positions.len() as u32;
+            *new_id = positions.len() as u32;
             positions.push(surface.positions[v]);
         }
     }

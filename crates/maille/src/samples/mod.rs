@@ -9,10 +9,16 @@ mod mechanical;
 mod noise;
 mod part;
 mod rig;
+mod sample;
 mod statue;
+mod terrain;
 #[cfg(test)]
 mod testing;
+mod vase;
 
 pub use mechanical::mechanical;
 pub use rig::{Channel, Character, Clip, Joint, Keys, Skeleton};
+pub use sample::Sample;
 pub use statue::statue;
+pub use terrain::terrain;
+pub use vase::vase;
