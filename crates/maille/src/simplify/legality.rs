@@ -79,10 +79,10 @@ impl Limits {
 /// nowhere else. Borders are closed by an imaginary vertex, as in the seed. [`TopologyPolicy::Manifold`] makes the two
 /// exceptions that it names.
 fn keeps_topology(collapse: &Collapse<'_>, policy: TopologyPolicy, marks: &mut Marks) -> bool {
-    /// Bits of a mark: in the link of the kept vertex, opposite to the edge, in the link of the removed vertex.
+    /// Bits of a mark: in the link of the kept vertex, opposite to the edge, in a face that stays.
     const KEPT: u32 = 1;
     const APEX: u32 = 2;
-    const REMOVED: u32 = 4;
+    const STAYS: u32 = 4;
     if policy == TopologyPolicy::Free {
         return true;
     }
@@ -99,10 +99,13 @@ fn keeps_topology(collapse: &Collapse<'_>, policy: TopologyPolicy, marks: &mut M
         return lenient; // the last faces of a component, or a flap that hangs by a vertex
     }
     for face in collapse.kept_ring {
-        let apex = if collapse.kills(face) { APEX } else { 0 };
-        for v in [face.x, face.y] {
+        let role = if collapse.kills(face) { APEX } else { STAYS };
+        for v in [face.x, face.y].into_iter().filter(|&v| v != collapse.removed) {
             let before = marks.get(v).unwrap_or(0);
-            marks.set(v, before | KEPT | apex);
+            if before & role & APEX != 0 {
+                return false; // two faces of the same three vertices: a bubble would vanish
+            }
+            marks.set(v, before | KEPT | role);
         }
     }
     for face in collapse.removed_ring {
@@ -115,8 +118,15 @@ fn keeps_topology(collapse: &Collapse<'_>, policy: TopologyPolicy, marks: &mut M
                     return false;
                 }
             }
-            marks.set(v, before | REMOVED);
+            if !collapse.kills(face) {
+                marks.set(v, before | STAYS);
+            }
         }
+    }
+    let cut_off = |v: u32| v != collapse.removed && marks.get(v).is_some_and(|m| m & STAYS == 0);
+    let mut dead = collapse.kept_ring.iter().filter(|face| collapse.kills(face));
+    if dead.any(|face| cut_off(face.x) || cut_off(face.y)) {
+        return false; // an apex would lose its only tie to the merged vertex
     }
     // an edge between two apexes with a face to either end: the two faces would fall together
     let apexes = |v: u32| v != collapse.kept && v != collapse.removed && marks.get(v).is_some_and(|m| m & APEX != 0);
