@@ -14,6 +14,9 @@ const SEAM: u8 = 2;
 /// Between two materials.
 const MATERIAL: u8 = 4;
 
+/// No edge of the surface, but two vertices to be joined.
+const PAIR: u8 = 8;
+
 /// What a vertex is to the features around it; a merged vertex is the higher of its two.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Kind {
@@ -45,6 +48,8 @@ pub struct Features {
     edges: Vec<u8>,
     /// Kind of each vertex; empty when there are no features and no locks.
     vertices: Vec<Kind>,
+    /// Whether constraint planes hold the borders, so that a placement may weigh them against the surface.
+    planes_hold_borders: bool,
 }
 
 impl Features {
@@ -57,13 +62,22 @@ impl Features {
             return Self::default();
         }
         let vertices = vertex_kinds(faces, &flags, options);
-        Self { edges: if any { flags } else { Vec::new() }, vertices }
+        let planes = super::quadric_options(options).and_then(|quadric| quadric.constraint);
+        Self {
+            edges: if any { flags } else { Vec::new() },
+            vertices,
+            planes_hold_borders: planes.is_some_and(|weight| weight > 0.0),
+        }
     }
 
     /// Whether an edge is a feature.
     #[inline]
     pub fn is_feature(&self, edge: u32) -> bool {
-        self.edges.get(edge as usize).is_some_and(|&flags| flags != 0)
+        self.edges.get(edge as usize).is_some_and(|&flags| flags & !PAIR != 0)
+    }
+
+    fn is_pair(&self, edge: u32) -> bool {
+        self.edges.get(edge as usize).is_some_and(|&flags| flags & PAIR != 0)
     }
 
     /// Whether a vertex is on a feature or locked.
@@ -87,8 +101,10 @@ impl Features {
         let higher = if ka > kb { Anchor::First } else { Anchor::Second };
         match (low, high) {
             (Kind::Locked, Kind::Locked) => Err(Barred::Locked),
+            // joining crosses borders: that is what it is for
+            _ if self.is_pair(edge) => Ok(if ka == kb && ka < Kind::Corner { Anchor::Free } else { higher }),
             (Kind::Corner, _) => Err(Barred::Feature),
-            (Kind::Regular, Kind::OnBorder) => Ok(Anchor::Free),
+            (Kind::Regular, Kind::OnBorder) if self.planes_hold_borders => Ok(Anchor::Free),
             (Kind::Regular, _) => Ok(higher),
             _ if !along => Err(Barred::Feature),
             (_, Kind::Corner | Kind::Locked) => Ok(higher),
@@ -117,12 +133,13 @@ fn edge_flags(mesh: &Mesh, faces: &CollapseMesh, options: &SimplifyOptions) -> V
     let has_wedges = mesh.wedge_count() != faces.vertex_count();
     let seam = if has_wedges { wanted(options.seams, SEAM) } else { 0 };
     let material = if mesh.triangle_materials.is_empty() { 0 } else { wanted(options.material_borders, MATERIAL) };
-    let mut flags = vec![0; faces.edge_count()];
+    let mut flags = vec![PAIR; faces.edge_count()];
     let mut count = vec![0_u8; if border != 0 { faces.edge_count() } else { 0 }];
     let mut first = vec![u32::MAX; if seam | material != 0 { faces.edge_count() } else { 0 }];
     for face in 0..faces.face_count() {
         let Some(edges) = faces.face_edges(face) else { continue };
         for (k, edge) in edges.into_iter().enumerate().map(|(k, edge)| (k, edge as usize)) {
+            flags[edge] &= !PAIR;
             if border != 0 {
                 count[edge] = count[edge].saturating_add(1);
             }
@@ -164,13 +181,16 @@ fn jumps(mesh: &Mesh, (one, k): (usize, usize), (other, j): (usize, usize)) -> b
 
 fn same_values(mesh: &Mesh, v: u32, w: u32) -> bool {
     let counts = |a: &&Attribute| !matches!(a.semantic, Semantic::Normal | Semantic::Tangent);
-    mesh.wedge_attributes.iter().filter(counts).all(|a| {
-        let range = |w: u32| w as usize * a.components..(w as usize + 1) * a.components;
-        match &a.values {
-            Values::F32(x) => x[range(v)] == x[range(w)],
-            Values::U32(x) => x[range(v)] == x[range(w)],
-        }
-    })
+    mesh.wedge_attributes.iter().filter(counts).all(|a| same_value(a, v, w))
+}
+
+/// Whether two elements of an attribute are equal.
+pub(super) fn same_value(attribute: &Attribute, v: u32, w: u32) -> bool {
+    let range = |w: u32| w as usize * attribute.components..(w as usize + 1) * attribute.components;
+    match &attribute.values {
+        Values::F32(x) => x[range(v)] == x[range(w)],
+        Values::U32(x) => x[range(v)] == x[range(w)],
+    }
 }
 
 fn vertex_kinds(faces: &CollapseMesh, flags: &[u8], options: &SimplifyOptions) -> Vec<Kind> {

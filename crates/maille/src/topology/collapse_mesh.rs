@@ -82,7 +82,8 @@ impl Frame {
     /// To model units, rounded to what a mesh stores.
     #[inline]
     pub fn leave(&self, p: DVec3) -> [f32; 3] {
-        (p * self.unit + self.center).as_vec3().to_array()
+        let most = DVec3::splat(f64::from(f32::MAX));
+        (p * self.unit + self.center).clamp(-most, most).as_vec3().to_array()
     }
 }
 
