@@ -1,6 +1,7 @@
 //! Wedges and attributes through collapses (seed 000, 4.1.2 and 4.2.3; Hoppe 1996).
 
 use super::driver::Observer;
+use super::features::same_value;
 use super::legality::Collapse;
 use super::options::{NormalPolicy, SimplifyOptions};
 use crate::mesh::{Attribute, Mesh, Semantic, Values};
@@ -79,6 +80,10 @@ impl<'a> WedgeMerger<'a> {
         let plain = mesh.wedge_vertices.iter().enumerate().all(|(w, &v)| w == v as usize);
         let recompute = options.normals == NormalPolicy::Recompute && mesh.wedge_attribute(&Semantic::Normal).is_some();
         let triangles = std::mem::take(&mut mesh.triangles);
+        let skinned = mesh.wedge_attributes.iter().any(is_skin);
+        if let Some(most) = options.max_influences.filter(|_| skinned) {
+            (0..mesh.wedge_count() as u32).for_each(|w| limit_influences(&mut mesh.wedge_attributes, w, most));
+        }
         Self {
             triangles: (!plain).then_some(triangles),
             stale_normals: vec![false; if recompute { mesh.wedge_count() } else { 0 }],
@@ -158,6 +163,51 @@ impl<'a> WedgeMerger<'a> {
             rename(face, triangles);
         }
     }
+
+    /// Blends into the wedges that no vanishing face joins what has no jump at their vertex: they stay apart from the
+    /// merged ones, but only in what makes them differ.
+    fn blend_loose_wedges(&mut self, collapse: &Collapse<'_>) {
+        let Some(triangles) = &self.triangles else { return };
+        let groups = &self.scratch;
+        let loose = [collapse.kept_ring, collapse.removed_ring].map(|ring| {
+            let staying = ring.iter().filter(|face| !collapse.kills(face));
+            let wedges = staying.map(|face| triangles[face.face as usize][face.corner as usize]);
+            let mut loose: Vec<u32> = wedges.filter(|&w| groups.place(w).is_none()).collect();
+            loose.sort_unstable();
+            loose.dedup();
+            loose
+        });
+        // those in groups are not blended yet
+        for &w in &loose[0] {
+            self.blend_loose(w, |(_, b)| [w, b], |(a, _)| a, collapse.t);
+        }
+        for &w in &loose[1] {
+            self.blend_loose(w, |(a, _)| [a, w], |(_, b)| b, collapse.t);
+        }
+    }
+
+    /// Blends into wedge w the attributes in which it equals, for some pair, the wedge of its own end; `ends` tells
+    /// what to blend, given the pair.
+    ///
+    /// Joints, weights and morphed positions are taken for equal all around a vertex: were they not, the surface would
+    /// have cracks once it moves.
+    fn blend_loose(&mut self, w: u32, ends: impl Fn((u32, u32)) -> [u32; 2], own: impl Fn((u32, u32)) -> u32, t: f32) {
+        let pairs = &self.scratch.pairs;
+        let Some(&any) = pairs.first() else { return };
+        let like = |attribute: &Attribute| pairs.iter().find(|&&pair| same_value(attribute, w, own(pair))).copied();
+        for attribute in self.mesh.wedge_attributes.iter_mut().filter(|attribute| !is_skin(attribute)) {
+            if let Some(pair) = like(attribute) {
+                blend(attribute, ends(pair), w, t);
+            }
+        }
+        blend_skin(&mut self.mesh.wedge_attributes, ends(any), w, t, self.options.max_influences);
+        for attribute in self.mesh.morph_targets.iter_mut().flat_map(|target| &mut target.attributes) {
+            let position = (attribute.semantic == Semantic::Position).then_some(any);
+            if let Some(pair) = position.or_else(|| like(attribute)) {
+                blend_deltas(attribute, ends(pair), w, t);
+            }
+        }
+    }
 }
 
 impl Observer for WedgeMerger<'_> {
@@ -166,10 +216,11 @@ impl Observer for WedgeMerger<'_> {
         for attribute in &mut self.mesh.vertex_attributes {
             blend(attribute, [collapse.kept, collapse.removed], collapse.kept, t);
         }
-        if self.mesh.wedge_attributes.is_empty() && self.triangles.is_none() {
+        if self.mesh.wedge_attributes.is_empty() && self.mesh.morph_targets.is_empty() && self.triangles.is_none() {
             return;
         }
         self.merge_groups(collapse);
+        self.blend_loose_wedges(collapse);
         let plain = [(collapse.kept, collapse.removed)];
         let pairs = if self.triangles.is_some() { &self.scratch.pairs } else { &plain[..] };
         // one pair of each group gives its values; the others would give the same up to the seam that ends here
@@ -244,9 +295,10 @@ fn kept(used: &[bool]) -> (Vec<u32>, Vec<u32>) {
 fn blend_all(attributes: &mut [Attribute], ends: [u32; 2], into: u32, t: f32, max_influences: Option<u32>) {
     let mut skinned = false;
     for attribute in attributes.iter_mut() {
-        match attribute.semantic {
-            Semantic::Joints(_) | Semantic::Weights(_) => skinned = true,
-            _ => blend(attribute, ends, into, t),
+        if is_skin(attribute) {
+            skinned = true;
+        } else {
+            blend(attribute, ends, into, t);
         }
     }
     if skinned {
@@ -254,24 +306,34 @@ fn blend_all(attributes: &mut [Attribute], ends: [u32; 2], into: u32, t: f32, ma
     }
 }
 
-fn blend(attribute: &mut Attribute, ends: [u32; 2], into: u32, t: f32) {
-    blend_deltas(attribute, ends, into, t);
-    let n = attribute.components;
-    let unit = match attribute.semantic {
-        Semantic::Normal | Semantic::Tangent if n >= 3 && ends[0] != ends[1] => 3,
-        _ => return,
+/// Whether an attribute is one of those that move a wedge, in the form that the vocabulary asks for.
+fn is_skin(attribute: &Attribute) -> bool {
+    let fits = match attribute.semantic {
+        Semantic::Joints(_) => attribute.as_u32().is_some(),
+        Semantic::Weights(_) => attribute.as_f32().is_some(),
+        _ => false,
     };
-    let sign_from = ends[usize::from(t > 0.5)] as usize * n;
-    let Some(values) = attribute.as_f32_mut() else { return };
-    let sign = (n == 4).then(|| values[sign_from + 3]);
-    let place = into as usize * n;
-    let v = &mut values[place..place + unit];
-    let direction = glam::Vec3::new(v[0], v[1], v[2]).try_normalize();
-    if let Some(direction) = direction.filter(|_| t > 0.0 && t < 1.0) {
-        v.copy_from_slice(&direction.to_array());
-    }
-    if let Some(sign) = sign {
-        values[place + 3] = if sign < 0.0 { -1.0 } else { 1.0 };
+    fits && attribute.components == 4
+}
+
+fn blend(attribute: &mut Attribute, ends: [u32; 2], into: u32, t: f32) {
+    let n = attribute.components;
+    let from = ends[usize::from(t > 0.5)] as usize * n;
+    let nearer = match (&attribute.semantic, attribute.as_f32()) {
+        (Semantic::Normal | Semantic::Tangent, Some(values)) if n >= 3 && t > 0.0 && t < 1.0 => {
+            let sign = if n > 3 { values[from + 3] } else { 0.0 };
+            Some((glam::Vec3::from_slice(&values[from..]), sign))
+        }
+        _ => None,
+    };
+    blend_deltas(attribute, ends, into, t);
+    let (Some((nearer, sign)), Some(values)) = (nearer, attribute.as_f32_mut()) else { return };
+    let v = &mut values[into as usize * n..][..n];
+    // what cancels out has no direction: the nearer end gives its own
+    let direction = glam::Vec3::from_slice(v).try_normalize().unwrap_or(nearer);
+    v[..3].copy_from_slice(&direction.to_array());
+    if n > 3 {
+        v[3] = sign;
     }
 }
 
@@ -297,17 +359,39 @@ fn blend_deltas(attribute: &mut Attribute, [a, b]: [u32; 2], into: u32, t: f32) 
 }
 
 /// Joints and weights over all sets: the weights of both ends are blended joint by joint, the largest kept, and the sum
-/// made 1.
-fn blend_skin(attributes: &mut [Attribute], [a, b]: [u32; 2], into: u32, t: f32, max_influences: Option<u32>) {
+/// made 1. At an end they are the end's, to the bit.
+fn blend_skin(attributes: &mut [Attribute], ends: [u32; 2], into: u32, t: f32, max_influences: Option<u32>) {
+    if t > 0.0 && t < 1.0 {
+        return mix_influences(attributes, [(ends[0], 1.0 - t), (ends[1], t)], into, max_influences);
+    }
+    for attribute in attributes.iter_mut().filter(|attribute| is_skin(attribute)) {
+        blend_deltas(attribute, ends, into, t);
+    }
+}
+
+/// Drops the least influences on a wedge that has more than it may have.
+fn limit_influences(attributes: &mut [Attribute], wedge: u32, most: u32) {
+    let at = wedge as usize * 4..wedge as usize * 4 + 4;
+    let skin = attributes.iter().filter(|attribute| is_skin(attribute));
+    let count = skin.filter_map(Attribute::as_f32).flat_map(|x| &x[at.clone()]).filter(|x| **x > 0.0).count();
+    if count > most as usize {
+        mix_influences(attributes, [(wedge, 1.0), (wedge, 0.0)], wedge, Some(most));
+    }
+}
+
+/// The influences on some wedges, each counted by a share.
+fn mix_influences(attributes: &mut [Attribute], shares: [(u32, f32); 2], into: u32, max_influences: Option<u32>) {
     let mut influences: Vec<(u32, f32)> = Vec::new();
     let mut slots = 0;
     let sets = || (0..).map(|set| [Semantic::Joints(set), Semantic::Weights(set)]);
-    let place = |attributes: &[Attribute], semantic: &Semantic| attributes.iter().position(|x| x.semantic == *semantic);
+    let place = |attributes: &[Attribute], semantic: &Semantic| {
+        attributes.iter().position(|x| is_skin(x) && x.semantic == *semantic)
+    };
     for [joints, weights] in sets() {
         let (Some(j), Some(w)) = (place(attributes, &joints), place(attributes, &weights)) else { break };
         let (Some(joints), Some(weights)) = (attributes[j].as_u32(), attributes[w].as_f32()) else { break };
         slots += 4;
-        for (end, share) in [(a, 1.0 - t), (b, t)] {
+        for (end, share) in shares {
             for k in end as usize * 4..end as usize * 4 + 4 {
                 let (joint, weight) = (joints[k], weights[k] * share);
                 if weight > 0.0 {
@@ -329,7 +413,7 @@ fn blend_skin(attributes: &mut [Attribute], [a, b]: [u32; 2], into: u32, t: f32,
     for (set, four) in influences.chunks(4).enumerate() {
         let at = into as usize * 4;
         for (k, &(joint, weight)) in four.iter().enumerate() {
-            for attribute in attributes.iter_mut() {
+            for attribute in attributes.iter_mut().filter(|attribute| is_skin(attribute)) {
                 match (&attribute.semantic, &mut attribute.values) {
                     (Semantic::Joints(n), Values::U32(values)) if *n as usize == set => values[at + k] = joint,
                     (Semantic::Weights(n), Values::F32(values)) if *n as usize == set => {
