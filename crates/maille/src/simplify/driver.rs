@@ -76,6 +76,7 @@ pub fn collapse_edges<M: Metric, O: Observer>(
         importance: request.importance.to_vec(),
         outcome: Outcome { collapses: 0, error: 0.0, stopped: Stop::Exhausted, refused: Refusals::default() },
         over_error: false,
+        patience: PATIENCE * mesh.live_face_count(),
         mesh,
         metric,
         features,
@@ -111,21 +112,24 @@ pub fn collapse_edges<M: Metric, O: Observer>(
         collapses_at_fill = run.outcome.collapses;
         queue = run.fill_queue();
     }
-    let mut outcome = run.outcome;
-    outcome.stopped = if run.mesh.live_face_count() <= request.target_faces {
+    run.outcome.stopped = if run.mesh.live_face_count() <= request.target_faces {
         Stop::Triangles
-    } else if run.over_error {
-        Stop::MaxError
-    } else if outcome.refused == Refusals::default() {
-        Stop::Exhausted
     } else {
-        Stop::NoLegalCollapse
+        run.count_barred();
+        if run.over_error { Stop::MaxError } else { Stop::NoLegalCollapse }
     };
-    Ok(outcome)
+    Ok(run.outcome)
 }
 
 /// How much a cost may rise before an edge goes back into the queue: what `f32` rounds away, and a little more.
 const SLACK: f64 = 1.0 + 1e-6;
+
+/// Faces around the ends of an edge from which on walking around them counts as costly.
+const LARGE: usize = 1024;
+
+/// How many faces at such ends are walked past for each face of the mesh: enough for any vertex of a real model, while
+/// a hundred thousand faces on one edge do not make the time quadratic.
+const PATIENCE: usize = 64;
 
 struct Loop<'a, M, O> {
     mesh: &'a mut CollapseMesh,
@@ -138,6 +142,8 @@ struct Loop<'a, M, O> {
     outcome: Outcome,
     /// Whether some collapse was refused because of its error alone.
     over_error: bool,
+    /// How many more faces may be walked past at vertices of very many.
+    patience: usize,
     kept_ring: Vec<RingFace>,
     removed_ring: Vec<RingFace>,
     effect: CollapseEffect,
@@ -213,14 +219,7 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
     fn step(&mut self, queue: &mut Queue, edge: u32, stored_cost: f64) {
         let candidate = match self.costs().evaluate(edge) {
             Ok(Some(candidate)) => candidate,
-            barred => {
-                match barred {
-                    Err(Barred::Feature) => self.outcome.refused.border += 1,
-                    Err(Barred::Locked) => self.outcome.refused.locked += 1,
-                    Ok(_) => {}
-                }
-                return queue.remove(edge);
-            }
+            _ => return queue.remove(edge),
         };
         if candidate.cost > stored_cost * SLACK + f64::MIN_POSITIVE && f64::from(candidate.cost as f32) > stored_cost {
             return queue.set(edge, candidate.cost);
@@ -237,10 +236,27 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         }
     }
 
-    fn try_collapse(&mut self, edge: u32, candidate: &Candidate) -> bool {
-        let [kept, removed] = self.mesh.ends(edge);
+    /// Fills the rings of both ends; false when that has taken too long already and would take long again.
+    fn fill_rings(&mut self, [kept, removed]: [u32; 2]) -> bool {
+        let is_large = |v| self.mesh.faces_around(v).nth(LARGE).is_some();
+        if self.patience == 0 && (is_large(kept) || is_large(removed)) {
+            return false;
+        }
         self.mesh.ring(kept, &mut self.kept_ring);
         self.mesh.ring(removed, &mut self.removed_ring);
+        let faces = self.kept_ring.len() + self.removed_ring.len();
+        if faces > LARGE {
+            self.patience = self.patience.saturating_sub(faces);
+        }
+        true
+    }
+
+    fn try_collapse(&mut self, edge: u32, candidate: &Candidate) -> bool {
+        let [kept, removed] = self.mesh.ends(edge);
+        if !self.fill_rings([kept, removed]) {
+            self.outcome.refused.valence += 1;
+            return false;
+        }
         let [a, b] = [kept, removed].map(|v| self.mesh.point(v));
         let along = b - a;
         let length_sq = along.length_squared();
@@ -279,6 +295,10 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         if test && !self.limits.allow(self.mesh, &collapse, &mut self.marks, &mut self.outcome.refused) {
             return false;
         }
+        if strands_locked(self.mesh, self.features, &collapse) {
+            self.outcome.refused.locked += 1;
+            return false;
+        }
         self.observer.on_collapse(self.mesh, &collapse);
         self.outcome.collapses += 1;
         self.outcome.error = self.outcome.error.max(error);
@@ -307,9 +327,23 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         self.mesh.ring(removed, &mut self.removed_ring);
         let back_to_back = self.removed_ring.iter().all(|face| face.x == kept || face.y == kept);
         let same = self.removed_ring[0].x == self.removed_ring[1].y && self.removed_ring[0].y == self.removed_ring[1].x;
-        if back_to_back && same {
-            self.collapse(edge, ends, self.mesh.position(kept), (0.0, 0.0), false);
+        if back_to_back
+            && same
+            && !self.features.is_locked(removed)
+            && self.collapse(edge, ends, self.mesh.position(kept), (0.0, 0.0), false)
+        {
             self.update_queue(queue);
+        }
+    }
+
+    /// Counts the edges that features and locks bar in the end: most of them never were in the queue.
+    fn count_barred(&mut self) {
+        for edge in (0..self.mesh.edge_count() as u32).filter(|&edge| self.mesh.has_edge(edge)) {
+            match self.features.anchor(edge, self.mesh.ends(edge)) {
+                Err(Barred::Feature) => self.outcome.refused.border += 1,
+                Err(Barred::Locked) => self.outcome.refused.locked += 1,
+                Ok(_) => {}
+            }
         }
     }
 
@@ -329,4 +363,15 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
             }
         }
     }
+}
+
+/// Whether a locked vertex would lose its last face.
+fn strands_locked(mesh: &CollapseMesh, features: &Features, collapse: &Collapse<'_>) -> bool {
+    let [kept, removed] = [collapse.kept, collapse.removed];
+    let apexes = collapse.kept_ring.iter().filter(|face| collapse.kills(face)).flat_map(|face| [face.x, face.y]);
+    let bare = |v: u32| mesh.faces_around(v).all(|face| [face.x, face.y].iter().all(|&w| w == kept || w == removed));
+    let mut locked_apexes = apexes.filter(|&v| v != removed && features.is_locked(v));
+    let mut rings = collapse.kept_ring.iter().chain(collapse.removed_ring);
+    locked_apexes.any(bare)
+        || (features.is_locked(kept) || features.is_locked(removed)) && rings.all(|face| collapse.kills(face))
 }

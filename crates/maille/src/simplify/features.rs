@@ -76,6 +76,12 @@ impl Features {
         self.edges.get(edge as usize).is_some_and(|&flags| flags & !PAIR != 0)
     }
 
+    /// Whether a vertex has to stay.
+    #[inline]
+    pub fn is_locked(&self, vertex: u32) -> bool {
+        self.vertices.get(vertex as usize) == Some(&Kind::Locked)
+    }
+
     fn is_pair(&self, edge: u32) -> bool {
         self.edges.get(edge as usize).is_some_and(|&flags| flags & PAIR != 0)
     }

@@ -212,7 +212,7 @@ pub struct Refusals {
     pub border: u64,
     /// By locked vertices.
     pub locked: u64,
-    /// By the valence range.
+    /// By the valence range, or because so many faces meet at a vertex that testing them would take for ever.
     pub valence: u64,
     /// By the quality of triangles.
     pub quality: u64,
