@@ -23,6 +23,9 @@ mod quadric;
 mod queue;
 mod wedges;
 
+#[cfg(test)]
+mod tests;
+
 pub use driver::{Observer, Outcome, Request, collapse_edges};
 pub use features::{Barred, Features};
 pub use legality::{Collapse, Limits, triangle_quality};
@@ -109,7 +112,10 @@ pub fn simplify(
         triangles_out: mesh.triangle_count(),
         collapses: outcome.collapses,
         error: outcome.error,
-        stopped: outcome.stopped,
+        stopped: match outcome.stopped {
+            Stop::Triangles if options.target.triangles.is_none() => Stop::Exhausted,
+            stopped => stopped,
+        },
         refused: outcome.refused,
     })
 }
@@ -169,6 +175,9 @@ fn check_options(mesh: &Mesh, options: &SimplifyOptions) -> Result<(), SimplifyE
     }
     if options.valence.is_some_and(|(low, high)| low > high) {
         return invalid("valence", "the lower bound is above the upper one");
+    }
+    if !options.min_quality.is_none_or(|q| (0.0..=1.0).contains(&q)) {
+        return invalid("min_quality", "must be between 0 and 1");
     }
     if options.max_influences == Some(0) {
         return invalid("max_influences", "at least one joint must move a wedge");
