@@ -6,7 +6,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `driver` | the loop |
-//! | `queue` | the addressable heap |
+//! | `queue` | edges by cost, cheapest first |
 //! | `metric`, `quadric` | costs and placements |
 //! | `features` | borders, seams, material borders, locks |
 //! | `legality` | link condition, fold-over, valence, quality |
