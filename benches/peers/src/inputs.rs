@@ -2,14 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
+use maille::Mesh;
 use maille::mesh::WeldOptions;
-use maille::{Mesh, samples};
+use maille::samples::Sample;
 use maille_io::{Format, ReadOptions};
 
 /// What runs without any download when no input is named.
-const SAMPLES: [&str; 1] = ["statue:1000000"];
-const SAMPLE_TRIANGLES: usize = 100_000;
+const SAMPLES: [&str; 2] = ["statue:1000000", "mechanical:250000"];
 
 /// A mesh of positions and triangles only, and what to call it.
 pub struct Input {
@@ -61,14 +61,12 @@ fn files(folder: &Path) -> Result<Vec<String>> {
 
 fn sample(name: &str) -> Result<Input> {
     let (kind, triangles) = match name.split_once(':') {
-        Some((kind, count)) => (kind, count.parse().with_context(|| format!("{name}: the number of triangles"))?),
-        None => (name, SAMPLE_TRIANGLES),
+        Some((kind, count)) => (kind, Some(count.parse().with_context(|| format!("{name}: the number of triangles"))?)),
+        None => (name, None),
     };
-    let mesh = match kind {
-        "statue" => samples::statue(triangles),
-        _ => bail!("{name} is neither a file nor a sample"),
-    };
-    Ok(Input { name: kind.to_owned(), mesh: plain(mesh)? })
+    let sample = Sample::from_name(kind).with_context(|| format!("{name} is neither a file nor a sample"))?;
+    let asset = maille_io::sample(sample, triangles.unwrap_or(sample.default_triangles()));
+    Ok(Input { name: kind.to_owned(), mesh: plain(asset.merged_positions())? })
 }
 
 /// What all simplifiers understand: joined positions and triangles of three different ones, nothing else.
