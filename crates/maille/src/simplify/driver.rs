@@ -198,19 +198,21 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
     /// time hardly changes.
     #[inline]
     fn look_ahead(&self, queue: &Queue) {
-        if let Some(edge) = queue.upcoming(24) {
+        if let Some(edge) = queue.upcoming(32) {
             queue.prefetch(edge);
             self.mesh.prefetch_edge(edge);
         }
-        if let Some(edge) = queue.upcoming(12) {
+        if let Some(edge) = queue.upcoming(18) {
             for v in self.mesh.ends(edge) {
                 self.mesh.prefetch_vertex(v);
                 self.metric.prefetch(v);
             }
         }
-        if let Some(edge) = queue.upcoming(5) {
-            for v in self.mesh.ends(edge) {
-                self.mesh.prefetch_ring(v);
+        for (step, ahead) in [9, 7, 5, 3].into_iter().enumerate() {
+            if let Some(edge) = queue.upcoming(ahead) {
+                for v in self.mesh.ends(edge) {
+                    self.mesh.prefetch_ring(v, step);
+                }
             }
         }
     }

@@ -117,42 +117,92 @@ pub struct CollapseEffect {
     pub neighbors: Vec<u32>,
 }
 
-/// Marks on vertices that a new epoch wipes in no time.
+/// How many marks fit into the short list of [`Marks`].
+const FEW: usize = 32;
+
+/// Marks on a few vertices, wiped in no time.
+///
+/// One-rings are small: up to 32 marks are a list that is searched, which stays in the nearest cache; a table over all
+/// vertices would cost a cache miss for most of them. Only larger rings use the table, which is made when the first
+/// comes along.
 #[derive(Debug)]
 pub struct Marks {
-    /// (epoch, value) of each vertex.
-    marks: Vec<[u32; 2]>,
+    /// The marked vertices and their values, as long as they are few.
+    vertices: [u32; FEW],
+    values: [u32; FEW],
+    /// How many they are; more than [`FEW`] when the table is in use.
+    len: usize,
+    /// (epoch, value) of each vertex; empty until it is needed.
+    table: Vec<[u32; 2]>,
     epoch: u32,
+    vertex_count: usize,
 }
 
 impl Marks {
     /// No marks on `vertices` vertices.
     pub fn new(vertices: usize) -> Self {
-        Self { marks: vec![[0, 0]; vertices], epoch: 0 }
+        let (few, none) = ([0; FEW], Vec::new());
+        Self { vertices: few, values: few, len: 0, table: none, epoch: 0, vertex_count: vertices }
     }
 
     /// Wipes all marks.
+    #[inline]
     pub fn clear(&mut self) {
-        if self.epoch == u32::MAX {
-            self.marks.fill([0, 0]);
-            self.epoch = 0;
-        }
-        self.epoch += 1;
+        self.len = 0;
     }
 
     /// Marks a vertex with a value; returns the value it had.
     #[inline]
     pub fn set(&mut self, vertex: u32, value: u32) -> Option<u32> {
-        let before = self.get(vertex);
-        self.marks[vertex as usize] = [self.epoch, value];
-        before
+        if self.len > FEW {
+            return self.set_in_table(vertex, value);
+        }
+        match self.place(vertex) {
+            Some(i) => Some(std::mem::replace(&mut self.values[i], value)),
+            None if self.len < FEW => {
+                self.vertices[self.len] = vertex;
+                self.values[self.len] = value;
+                self.len += 1;
+                None
+            }
+            None => {
+                self.move_to_table();
+                self.set_in_table(vertex, value)
+            }
+        }
     }
 
     /// The value of a mark.
     #[inline]
     pub fn get(&self, vertex: u32) -> Option<u32> {
-        let [epoch, value] = self.marks[vertex as usize];
-        (epoch == self.epoch).then_some(value)
+        if self.len > FEW {
+            let [epoch, value] = self.table[vertex as usize];
+            return (epoch == self.epoch).then_some(value);
+        }
+        self.place(vertex).map(|i| self.values[i])
+    }
+
+    #[inline]
+    fn place(&self, vertex: u32) -> Option<usize> {
+        self.vertices[..self.len].iter().position(|&v| v == vertex)
+    }
+
+    #[cold]
+    fn move_to_table(&mut self) {
+        if self.table.is_empty() || self.epoch == u32::MAX {
+            self.table = vec![[0, 0]; self.vertex_count];
+            self.epoch = 0;
+        }
+        self.epoch += 1;
+        for (&vertex, &value) in self.vertices.iter().zip(&self.values) {
+            self.table[vertex as usize] = [self.epoch, value];
+        }
+        self.len = FEW + 1;
+    }
+
+    fn set_in_table(&mut self, vertex: u32, value: u32) -> Option<u32> {
+        let [epoch, before] = std::mem::replace(&mut self.table[vertex as usize], [self.epoch, value]);
+        (epoch == self.epoch).then_some(before)
     }
 }
 
@@ -451,12 +501,17 @@ impl CollapseMesh {
         prefetch(&self.first_corner, vertex as usize);
     }
 
-    /// Starts loading the first of the faces around a vertex.
+    /// Starts loading one of the faces around a vertex: the first, or the one after `step` others, whose predecessors
+    /// should be there already.
     #[inline]
-    pub(crate) fn prefetch_ring(&self, vertex: u32) {
-        if let Some(&corner) = self.first_corner.get(vertex as usize) {
-            prefetch(&self.faces, (corner / 4) as usize);
+    pub(crate) fn prefetch_ring(&self, vertex: u32, step: usize) {
+        let Some(&first) = self.first_corner.get(vertex as usize) else { return };
+        let mut corner = first;
+        for _ in 0..step {
+            let Some(face) = self.faces.get((corner / 4) as usize) else { return };
+            corner = face.next[(corner % 4) as usize];
         }
+        prefetch(&self.faces, (corner / 4) as usize);
     }
 
     /// Whether an edge still exists.
