@@ -4,7 +4,8 @@ use std::path::Path;
 
 use glam::DVec3;
 use maille::mesh::{ComponentType, Values, shapes};
-use maille::samples::{Channel, Character, Clip, Joint, Keys, Skeleton};
+use maille::samples::Character;
+use maille::skin::{Channel, Clip, Joint, Keys, Skeleton};
 use maille::{Attribute, Mesh, Semantic};
 use maille_io::{Asset, ReadError, ReadOptions, WriteOptions, read, read_bytes, write};
 use proptest::prelude::*;

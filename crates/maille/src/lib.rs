@@ -14,6 +14,7 @@ mod prefetch;
 pub mod repair;
 pub mod samples;
 pub mod simplify;
+pub mod skin;
 pub mod topology;
 #[cfg(test)]
 mod zoo;

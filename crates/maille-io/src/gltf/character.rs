@@ -1,7 +1,8 @@
 //! A document for an animated character made in code.
 
 use glam::{DMat4, DQuat, Vec3};
-use maille::samples::{Channel, Character, Clip, Joint, Keys};
+use maille::samples::Character;
+use maille::skin::{Channel, Clip, Joint, Keys};
 use serde_json::{Value, json};
 
 use super::accessor::Shape;
