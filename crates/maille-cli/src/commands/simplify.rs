@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use maille::simplify::{
-    EdgePolicy, MetricKind, PlacementKind, Refusals, SimplifyError, SimplifyOptions, Stop, TopologyPolicy,
+    EdgePolicy, MetricKind, Order, PlacementKind, Refusals, SimplifyError, SimplifyOptions, Stop, TopologyPolicy,
 };
 use maille_io::{Asset, AssetOptions, AssetReport, ProcessError, WriteOptions, simplify_asset};
 use serde_json::{Value, json};
@@ -44,6 +44,9 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
     }
     if let Some(placement) = args.placement.as_deref().and_then(|name| by_name(&PlacementKind::NAMES, name)) {
         simplify.placement = placement;
+    }
+    if let Some(order) = args.order.as_deref().and_then(|name| by_name(&Order::NAMES, name)) {
+        simplify.order = order;
     }
     simplify.quadric_weight = args.weights.into();
     for (place, given) in [

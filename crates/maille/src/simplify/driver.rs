@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::features::{Barred, Features};
 use super::legality::{Collapse, Limits};
 use super::metric::{Anchor, Candidate, EdgeContext, Metric, Update};
-use super::options::{Refusals, Stop};
+use super::options::{Order, Refusals, Stop};
 use super::queue::Queue;
 use crate::Control;
 use crate::control::Cancelled;
@@ -49,6 +49,8 @@ pub struct Outcome {
 pub struct Request<'a> {
     /// Stop at this many faces or fewer.
     pub target_faces: usize,
+    /// In which order edges collapse.
+    pub order: Order,
     /// Tests that every collapse has to pass.
     pub limits: Limits,
     /// One factor per vertex on costs; empty: all 1.
@@ -74,6 +76,7 @@ pub fn collapse_edges<M: Metric, O: Observer>(
     let mut run = Loop {
         marks: Marks::new(mesh.vertex_count()),
         importance: request.importance.to_vec(),
+        order: request.order,
         outcome: Outcome { collapses: 0, error: 0.0, stopped: Stop::Exhausted, refused: Refusals::default() },
         over_error: false,
         patience: PATIENCE * mesh.live_face_count(),
@@ -138,6 +141,7 @@ struct Loop<'a, M, O> {
     observer: &'a mut O,
     limits: Limits,
     importance: Vec<f32>,
+    order: Order,
     marks: Marks,
     outcome: Outcome,
     /// Whether some collapse was refused because of its error alone.
@@ -190,7 +194,7 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         let costs = self.costs();
         let cost = |edge| costs.evaluate(edge).ok().flatten().map_or(f32::NAN, |candidate| candidate.cost as f32);
         let costs: Vec<f32> = (0..self.mesh.edge_count() as u32).into_par_iter().map(cost).collect();
-        Queue::new(costs.iter().map(|&cost| (!cost.is_nan()).then_some(f64::from(cost))))
+        Queue::new(costs.iter().map(|&cost| (!cost.is_nan()).then_some(f64::from(cost))), self.order)
     }
 
     /// Starts loading what the next steps need: first the edge, later its ends, last the faces around them, each once

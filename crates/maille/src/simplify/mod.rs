@@ -31,8 +31,8 @@ pub use features::{Barred, Features};
 pub use legality::{Collapse, Limits, triangle_quality};
 pub use metric::{Anchor, Candidate, EdgeContext, Metric, QuadricMetric, QuadricOptions, ShortestEdge, Update};
 pub use options::{
-    EdgePolicy, MetricKind, NormalPolicy, PlacementKind, QuadricWeight, Refusals, SimplifyError, SimplifyOptions,
-    SimplifyReport, Stop, Target, TopologyPolicy,
+    EdgePolicy, MetricKind, NormalPolicy, Order, PlacementKind, QuadricWeight, Refusals, SimplifyError,
+    SimplifyOptions, SimplifyReport, Stop, Target, TopologyPolicy,
 };
 pub use quadric::Quadric;
 pub use wedges::WedgeMerger;
@@ -86,6 +86,7 @@ pub fn simplify(
     let mut wedges = WedgeMerger::new(work, &options);
     let unit = faces.frame().unit();
     let request = Request {
+        order: options.order,
         target_faces: options.target.triangles.unwrap_or(0),
         limits: Limits {
             topology: options.topology,

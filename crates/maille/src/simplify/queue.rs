@@ -8,22 +8,26 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use super::options::Order;
 use crate::prefetch::prefetch;
 
 /// Cost of an edge that is not in the queue; no cost has these bits.
 const ABSENT: u32 = u32::MAX;
 
-/// Bits of an `f32` cost below those that choose its bucket: 8 bits of exponent and 4 of mantissa do.
-const BUCKET_SHIFT: u32 = 19;
+/// Bits of an `f32` cost below those that choose its bucket: 8 bits of exponent and 3 of mantissa, so that the costs in
+/// a bucket differ by an eighth at most.
+const BUCKET_SHIFT: u32 = 20;
 
-/// Edges in order of cost, lowest first; ties by the lower edge. Any edge may be added, changed or removed at any time.
+/// Edges in order of cost, lowest first; any edge may be added, changed or removed at any time. In [`Order::Exact`] ties
+/// go by the lower edge; in [`Order::Spatial`] so do all costs of a bucket, and what comes for the due bucket while it
+/// is worked on waits for its next round.
 ///
 /// Costs are non-negative `f32`, whose bits sort like the numbers. An entry packs a cost above its edge into 64 bits.
 /// What an edge costs now is kept beside; entries that say something else are out of date and skipped when they come
 /// up. When more entries are out of date than not, all are made anew.
 ///
 /// ```text
-///   due: sorted, taken from its end      late: a heap of what came for the due bucket or an earlier one
+///   due: sorted, taken from its end      late, next: what came for the due bucket or an earlier one
 ///   buckets: [ . ][ . ][due][ ### ][ # ][ ######## ]...   by the upper bits of the cost
 /// ```
 #[derive(Debug, Default)]
@@ -34,7 +38,11 @@ pub(super) struct Queue {
     /// The bucket in `due`; those before it are empty.
     current: usize,
     due: Vec<u64>,
+    /// In exact order.
     late: BinaryHeap<Reverse<u64>>,
+    /// In spatial order.
+    next: Vec<u64>,
+    order: Order,
     /// Number of entries, those out of date among them.
     entries: usize,
     /// Number of edges in the queue.
@@ -63,8 +71,9 @@ fn bucket(bits: u32) -> usize {
 
 impl Queue {
     /// A queue of the edges 0, 1, ...: one cost each, `None` to leave the edge out. Linear.
-    pub(super) fn new(costs: impl Iterator<Item = Option<f64>>) -> Self {
-        let mut queue = Self { costs: costs.map(|c| c.map_or(ABSENT, bits_of)).collect(), ..Self::default() };
+    pub(super) fn new(costs: impl Iterator<Item = Option<f64>>, order: Order) -> Self {
+        let costs = costs.map(|c| c.map_or(ABSENT, bits_of)).collect();
+        let mut queue = Self { costs, order, ..Self::default() };
         queue.rebuild();
         queue
     }
@@ -82,6 +91,7 @@ impl Queue {
         }
         self.due.clear();
         self.late.clear();
+        self.next.clear();
         self.current = 0;
         self.live = sizes.iter().sum();
         self.entries = self.live;
@@ -90,11 +100,19 @@ impl Queue {
 
     /// Makes the lowest bucket that holds something the due one, once the due one is used up.
     fn advance(&mut self) {
-        while self.due.is_empty() && self.late.is_empty() && self.current < self.buckets.len() {
-            std::mem::swap(&mut self.due, &mut self.buckets[self.current]);
-            self.buckets[self.current] = Vec::new();
-            self.due.sort_unstable_by_key(|&entry| Reverse(entry));
-            self.current += 1;
+        while self.due.is_empty() && self.late.is_empty() {
+            if !self.next.is_empty() {
+                std::mem::swap(&mut self.due, &mut self.next);
+            } else if self.current < self.buckets.len() {
+                self.due = std::mem::take(&mut self.buckets[self.current]);
+                self.current += 1;
+            } else {
+                return;
+            }
+            match self.order {
+                Order::Exact => self.due.sort_unstable_by_key(|&entry| Reverse(entry)),
+                Order::Spatial => self.due.sort_unstable_by_key(|&entry| Reverse(entry as u32)),
+            }
         }
     }
 
@@ -115,7 +133,7 @@ impl Queue {
         self.advance();
     }
 
-    /// The edge of least cost, and its cost as stored (rounded to `f32`).
+    /// The edge that is first in order, and its cost as stored (rounded to `f32`).
     pub(super) fn peek(&mut self) -> Option<(u32, f64)> {
         loop {
             let first = self.first()?;
@@ -154,7 +172,10 @@ impl Queue {
         self.live += usize::from(before == ABSENT);
         self.entries += 1;
         if bucket(bits) < self.current {
-            self.late.push(Reverse(entry(bits, edge)));
+            match self.order {
+                Order::Exact => self.late.push(Reverse(entry(bits, edge))),
+                Order::Spatial => self.next.push(entry(bits, edge)),
+            }
         } else {
             self.buckets[bucket(bits)].push(entry(bits, edge));
         }
@@ -198,7 +219,7 @@ mod tests {
             start in prop::collection::vec(prop::option::of(0u8..9), 0..40),
             edits in prop::collection::vec((0usize..40, prop::option::of(0u8..9)), 0..200),
         ) {
-            let mut queue = Queue::new(start.iter().map(|c| c.map(f64::from)));
+            let mut queue = Queue::new(start.iter().map(|c| c.map(f64::from)), Order::Exact);
             let with_cost = |(edge, cost): (usize, &Option<u8>)| cost.map(|cost| (edge as u32, f64::from(cost)));
             let mut naive = Naive(start.iter().enumerate().filter_map(with_cost).collect());
             for (edge, cost) in edits.into_iter().filter(|&(edge, _)| edge < start.len()) {
@@ -223,8 +244,22 @@ mod tests {
     }
 
     #[test]
+    fn spatial_order_goes_by_edge_within_an_eighth_of_the_cost() {
+        let mut queue = Queue::new([9.0, 1.1, 1.0, 2.0, 1.05].map(Some).into_iter(), Order::Spatial);
+        let mut order = vec![];
+        while let Some((edge, _)) = queue.peek() {
+            order.push(edge);
+            queue.remove(edge);
+            if edge == 1 {
+                queue.set(0, 1.0); // late for this round of the bucket, early for the next bucket
+            }
+        }
+        assert_eq!(order, [1, 2, 4, 0, 3]);
+    }
+
+    #[test]
     fn costs_that_are_no_numbers_come_last() {
-        let mut queue = Queue::new([Some(f64::NAN), Some(1e30), Some(-1e-20)].into_iter());
+        let mut queue = Queue::new([Some(f64::NAN), Some(1e30), Some(-1e-20)].into_iter(), Order::Exact);
         assert_eq!(queue.peek(), Some((2, 0.0)));
         let mut order = vec![];
         while let Some((edge, _)) = queue.peek() {
