@@ -8,7 +8,7 @@
 //!
 //! Lorensen and Cline 1987; the consistent treatment of ambiguous faces as in Bloomenthal 1994.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::LazyLock;
 
 use glam::{IVec3, Vec3};
@@ -47,7 +47,12 @@ struct Block {
     positions: Vec<[f32; 3]>,
     /// Each corner: which neighbour owns the edge (3 bits, +x +y +z) above 16 bits of edge number.
     triangles: Vec<[u32; 3]>,
+    /// Which of the blocks in the directions of [`ACROSS`] the surface goes on in.
+    goes_on: [bool; 6],
 }
+
+/// Directions to the blocks across a block's faces.
+const ACROSS: [IVec3; 6] = [IVec3::NEG_X, IVec3::X, IVec3::NEG_Y, IVec3::Y, IVec3::NEG_Z, IVec3::Z];
 
 impl<F: Fn(Vec3) -> f32 + Sync> Isosurface<F> {
     /// The surface with about `wanted` triangles (within a few percent unless that is too few to show the shape), only
@@ -77,13 +82,14 @@ impl<F: Fn(Vec3) -> f32 + Sync> Isosurface<F> {
         let cells = ((self.high - origin) / step).max_element() as usize + 2;
         let blocks = cells.div_ceil(SIDE).next_power_of_two() as i32;
         let grid = Grid { surface: self, origin, step };
-        let blocks: Vec<(IVec3, Block)> = grid
-            .near_surface(IVec3::ZERO, blocks)
-            .into_par_iter()
-            .map(|at| (at, grid.march(at)))
-            .filter(|(_, block)| !(block.edges.is_empty() && block.triangles.is_empty()))
-            .collect();
-        largest_component(link(&blocks))
+        let mut found = Vec::new();
+        let mut next = grid.near_surface(IVec3::ZERO, blocks);
+        while !next.is_empty() {
+            let blocks = next.into_par_iter().map(|at| (at, grid.march(at)));
+            found.par_extend(blocks.filter(|(_, block)| !(block.edges.is_empty() && block.triangles.is_empty())));
+            next = missing(&found);
+        }
+        largest_component(link(&found))
     }
 }
 
@@ -128,7 +134,8 @@ impl<F: Fn(Vec3) -> f32 + Sync> Grid<'_, F> {
     fn march(&self, at: IVec3) -> Block {
         let base = at * SIDE as i32;
         let values = self.block_samples(base);
-        let mut block = Block { edges: Vec::new(), positions: Vec::new(), triangles: Vec::new() };
+        let goes_on = ACROSS.map(|face| is_cut(&values, face));
+        let mut block = Block { edges: Vec::new(), positions: Vec::new(), triangles: Vec::new(), goes_on };
         for cell in 0..SIDE * SIDE * SIDE {
             let [x, y, z] = [cell % SIDE, cell / SIDE % SIDE, cell / SIDE / SIDE];
             let sample = |i: usize| values[((z + (i >> 2)) * SAMPLES + y + (i >> 1 & 1)) * SAMPLES + x + (i & 1)];
@@ -141,7 +148,8 @@ impl<F: Fn(Vec3) -> f32 + Sync> Grid<'_, F> {
     }
 
     /// The samples of a block, x fastest. Those that are farther than a cell from the surface need only the right sign,
-    /// so what one sample proves about the next ones in its row is not evaluated again.
+    /// so what one sample proves about the next ones in its row is not evaluated again. The ends of the rows always are:
+    /// the next block has them, too, and must see the same signs even where the distance is a little too steep.
     fn block_samples(&self, base: IVec3) -> [f32; SAMPLES * SAMPLES * SAMPLES] {
         let mut values = [0.0_f32; SAMPLES * SAMPLES * SAMPLES];
         for (i, row) in values.chunks_exact_mut(SAMPLES).enumerate() {
@@ -150,7 +158,7 @@ impl<F: Fn(Vec3) -> f32 + Sync> Grid<'_, F> {
             while x < SAMPLES {
                 let value = self.sample(start + IVec3::X * x as i32);
                 let known = (value.abs() / self.step - 1.0 - 2.0 * self.surface.noise).clamp(0.0, SAMPLES as f32);
-                let end = (x + 1 + known as usize).min(SAMPLES);
+                let end = (x + 1 + known as usize).min(SAMPLES - 1).max(x + 1);
                 row[x..end].fill(value);
                 x = end;
             }
@@ -173,6 +181,38 @@ impl<F: Fn(Vec3) -> f32 + Sync> Grid<'_, F> {
             block.positions.push(position.to_array());
         }
     }
+}
+
+/// Whether the samples of a block on one of its faces have both signs.
+fn is_cut(values: &[f32; SAMPLES * SAMPLES * SAMPLES], face: IVec3) -> bool {
+    let (axis, side) = if face.x != 0 {
+        (0, face.x)
+    } else if face.y != 0 {
+        (1, face.y)
+    } else {
+        (2, face.z)
+    };
+    let plane = if side > 0 { SIDE } else { 0 };
+    let mut inside = (values.iter().enumerate())
+        .filter(|(i, _)| [i % SAMPLES, i / SAMPLES % SAMPLES, i / SAMPLES / SAMPLES][axis] == plane)
+        .map(|(_, &value)| value < 0.0);
+    let first = inside.next();
+    inside.any(|other| Some(other) != first)
+}
+
+/// The blocks that the surface goes on in but that are not there, in a fixed order: where the distance is steeper than it
+/// should be, a block may have been taken for empty.
+fn missing(blocks: &[(IVec3, Block)]) -> Vec<IVec3> {
+    let there: HashSet<IVec3> = blocks.iter().map(|(at, _)| *at).collect();
+    let across = |(at, block): &(IVec3, Block)| {
+        let goes_on = block.goes_on;
+        let at = *at;
+        (0..6).filter(move |&i| goes_on[i]).map(move |i| at + ACROSS[i])
+    };
+    let mut missing: Vec<IVec3> = blocks.iter().flat_map(across).filter(|at| !there.contains(at)).collect();
+    missing.sort_unstable_by_key(|at| at.to_array());
+    missing.dedup();
+    missing
 }
 
 /// Who owns an edge of a cell, and its number there.
@@ -356,5 +396,16 @@ mod tests {
         let surface = rough.extract(0.06);
         assert!(surface.triangles.len() > 5000);
         testing::assert_closed_manifold(&surface.triangles);
+    }
+
+    #[test]
+    fn distance_that_is_too_steep_still_gives_a_closed_manifold() {
+        for slope in [1.2, 1.5, 2.0] {
+            let distance = |p: Vec3| slope * (p.length() - 1.0);
+            let steep = Isosurface { distance, low: Vec3::splat(-1.0), high: Vec3::ONE, noise: 0.1 };
+            let surface = steep.extract(0.02);
+            testing::assert_closed_manifold(&surface.triangles);
+            assert_eq!(testing::euler(&surface.triangles), 2, "slope {slope}");
+        }
     }
 }
