@@ -48,6 +48,7 @@ struct Figures {
 
 pub fn run(args: &Args) -> Result<()> {
     ensure!(args.repeat > 0, "--repeat must be at least 1");
+    ensure!(args.sizes.len() > 1, "--sizes must be two at least: one tells nothing about growth");
     ensure!(args.target > 0.0 && args.target <= 100.0, "--target is a percent above 0 and up to 100");
     let variants = ours::variants(args.threads)?;
     let mut table = Table::new(&args.output)?;
