@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::features::{Barred, Features};
 use super::legality::{Collapse, Limits};
 use super::metric::{Anchor, Candidate, EdgeContext, Metric, Update};
-use super::options::{Order, Refusals, Stop};
+use super::options::{Order, Refusals, Stop, TopologyPolicy};
 use super::queue::Queue;
 use crate::Control;
 use crate::control::Cancelled;
@@ -322,6 +322,9 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
     /// Takes away two faces back to back, which is what the collapse just made has left of a tetrahedron.
     fn drop_leftover(&mut self, queue: &mut Queue) {
         let &[edge, _] = self.effect.edges.as_slice() else { return };
+        if self.limits.topology == TopologyPolicy::Preserve {
+            return; // two faces back to back that were there before
+        }
         let mut ends = self.mesh.ends(edge);
         let faces = |v: u32| self.mesh.faces_around(v).count();
         if ends.map(faces).iter().min() != Some(&2) {
