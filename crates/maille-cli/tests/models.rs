@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use maille::Control;
 use maille::measure::{CompareOptions, compare};
-use maille_io::{Asset, AssetOptions, Format, ReadOptions, WriteOptions, simplify_asset};
+use maille_io::{Asset, AssetOptions, Format, Instance, ReadOptions, WriteOptions, simplify_asset};
 
 const PERCENTS: [usize; 3] = [50, 10, 1];
 
@@ -70,15 +70,19 @@ fn all_the_way(file: &Path, scratch: &Path) -> Result<(), String> {
         }
         let written = scratch.join("written").with_extension(file.extension().unwrap_or_default());
         maille_io::write(&asset, &written, &WriteOptions::default()).map_err(|error| error.to_string())?;
-        check(&original, &asset, &read(&written)?).map_err(|problem| format!("at {percent} %: {problem}"))?;
+        let is_gltf = matches!(Format::from_path(&written), Some(Format::Glb | Format::Gltf));
+        check(&original, &asset, &read(&written)?, is_gltf).map_err(|problem| format!("at {percent} %: {problem}"))?;
     }
     Ok(())
 }
 
 /// What was read again is what was written, and not far from the original.
-fn check(original: &Asset, written: &Asset, again: &Asset) -> Result<(), String> {
+fn check(original: &Asset, written: &Asset, again: &Asset, is_gltf: bool) -> Result<(), String> {
+    // glTF has no mesh without triangles: one that lost them all is written as a triangle without area
+    let gone = |instance: &&Instance| written.meshes[instance.mesh].mesh.triangle_count() == 0;
+    let gone = if is_gltf { written.instances.iter().filter(gone).count() } else { 0 };
     let drawn = |asset: &Asset| asset.flattened().triangle_count();
-    if drawn(again) != drawn(written) {
+    if drawn(again) != drawn(written) + gone {
         return Err(format!("{} triangles written, {} read again", drawn(written), drawn(again)));
     }
     let options = CompareOptions { samples: 2000, ..CompareOptions::default() };

@@ -13,6 +13,9 @@ use crate::Asset;
 const FEWEST: usize = 4;
 /// How often what a mesh could not give is asked of the others.
 const ROUNDS: usize = 4;
+/// Part of its first share that a mesh keeps whatever the others could not give: better too many triangles than a head
+/// ruined because a sword is stubborn.
+const KEPT_SHARE: usize = 2;
 /// Factor on the cost of collapses where an importance colour is white; where it is black, the factor is 1.
 const WHITE_IMPORTANCE: f32 = 100.0;
 
@@ -83,7 +86,8 @@ fn quoted(name: &str) -> String {
 /// Simplifies every distinct mesh of an asset once, in parallel, to a common target.
 ///
 /// A number of triangles is shared out over the meshes in proportion to theirs; what one cannot give up (its
-/// constraints forbid it) is asked of the others. The result does not depend on the number of threads.
+/// constraints forbid it) is asked of the others, of each at most half of its share. The result does not depend on the
+/// number of threads.
 ///
 /// # Errors
 /// [`ProcessError`]; some meshes may be simplified already then, so the asset is not to be used further.
@@ -108,6 +112,7 @@ pub fn simplify_asset(
             index,
             name: &named.name,
             mesh: &mut named.mesh,
+            floor: (target / KEPT_SHARE).max(FEWEST),
             target,
             scale,
             report: None,
@@ -214,6 +219,8 @@ struct Job<'a> {
     name: &'a str,
     mesh: &'a mut Mesh,
     target: usize,
+    /// Triangles that are left to it when others could not give theirs.
+    floor: usize,
     scale: f64,
     report: Option<SimplifyReport>,
 }
@@ -233,7 +240,7 @@ fn run(jobs: &mut [Job<'_>], options: &AssetOptions, control: Control<'_>) -> Re
     done.into_iter().collect()
 }
 
-/// Asks what some meshes could not give up of those that reached their target.
+/// Asks what some meshes could not give up of those that reached their target, down to their floor.
 fn settle(
     jobs: &mut [Job<'_>],
     total: usize,
@@ -250,7 +257,10 @@ fn settle(
         let sizes: Vec<usize> = willing.iter().map(|job| job.mesh.triangle_count()).collect();
         let targets = share_out(sizes.iter().sum::<usize>().saturating_sub(excess), &sizes);
         let mut asked: Vec<Job<'_>> = (willing.iter_mut().zip(targets))
-            .map(|(job, target)| Job { target, mesh: &mut *job.mesh, report: job.report.take(), ..**job })
+            .map(|(job, target)| {
+                let target = target.max(job.floor);
+                Job { target, mesh: &mut *job.mesh, report: job.report.take(), ..**job }
+            })
             .collect();
         run(&mut asked, options, control)?;
         let reports: Vec<_> = asked.into_iter().map(|job| job.report).collect();
@@ -280,7 +290,7 @@ impl Job<'_> {
     }
 
     fn can_give(&self) -> bool {
-        self.mesh.triangle_count() > FEWEST && self.report.as_ref().is_some_and(|r| r.stopped == Stop::Triangles)
+        self.mesh.triangle_count() > self.floor && self.report.as_ref().is_some_and(|r| r.stopped == Stop::Triangles)
     }
 }
 
