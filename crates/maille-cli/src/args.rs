@@ -376,11 +376,11 @@ pub(crate) struct ManArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Preset {
-    /// Half-edge collapses: vertices keep their places
+    /// Summed quadrics with constraints, the best place
     Fast,
-    /// Quadrics with constraints, the best place that keeps the volume
-    Balanced,
     /// Memoryless quadrics with constraints, the best place that keeps the volume
+    Balanced,
+    /// As balanced, always the cheapest edge first
     Best,
     /// As balanced, but borders and topology may go: reaches the smallest counts
     Aggressive,

@@ -11,6 +11,7 @@ pub mod control;
 pub mod measure;
 pub mod mesh;
 mod prefetch;
+mod radix;
 pub mod repair;
 pub mod samples;
 pub mod simplify;

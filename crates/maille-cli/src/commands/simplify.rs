@@ -76,8 +76,10 @@ pub(crate) fn preset(preset: Preset) -> SimplifyOptions {
     let balanced = SimplifyOptions::default();
     match preset {
         Preset::Balanced => balanced,
-        Preset::Fast => SimplifyOptions { placement: PlacementKind::Optimal, ..balanced },
-        Preset::Best => SimplifyOptions { metric: MetricKind::ConstrainedMemorylessQuadric, ..balanced },
+        Preset::Fast => {
+            SimplifyOptions { metric: MetricKind::ConstrainedQuadric, placement: PlacementKind::Optimal, ..balanced }
+        }
+        Preset::Best => SimplifyOptions { order: Order::Exact, ..balanced },
         Preset::Aggressive => SimplifyOptions {
             boundary: EdgePolicy::Free,
             seams: EdgePolicy::Free,

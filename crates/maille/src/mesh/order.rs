@@ -4,6 +4,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 
 use super::Mesh;
+use crate::radix::sort_by_bits;
 
 /// Bits per axis of the grid whose cells are numbered along the curve.
 const BITS: u32 = 10;
@@ -13,7 +14,7 @@ impl Mesh {
     /// vertex. Returns for each vertex the number it had before.
     ///
     /// What is near in space is then near in memory: on shuffled input, algorithms that walk from neighbour to
-    /// neighbour run several times as fast. Not finite positions come last. O(n log n).
+    /// neighbour run several times as fast. Not finite positions come last. Linear.
     pub fn sort_spatially(&mut self) -> Vec<u32> {
         let vertices = curve_order(&self.positions);
         let ranks = inverse(&vertices);
@@ -65,7 +66,7 @@ fn spread(x: u32) -> u32 {
 fn sorted_by_key(count: usize, key: impl Fn(usize) -> u32 + Sync) -> Vec<u32> {
     let mut entries: Vec<u64> = (0..count).into_par_iter().map(|i| u64::from(key(i)) << 32 | i as u64).collect();
     if !entries.is_sorted() {
-        entries.par_sort_unstable();
+        sort_by_bits(&mut entries, 32, &mut Vec::new());
     }
     entries.into_iter().map(|entry| entry as u32).collect()
 }

@@ -9,8 +9,8 @@ use super::options::{Order, Refusals, Stop, TopologyPolicy};
 use super::queue::Queue;
 use crate::Control;
 use crate::control::Cancelled;
-use crate::topology::CollapseMesh;
 use crate::topology::collapse_mesh::{CollapseEffect, Marks, RingFace};
+use crate::topology::{CollapseMesh, EdgeStar};
 
 /// Sees every collapse just before it is made.
 pub trait Observer {
@@ -102,7 +102,7 @@ pub fn collapse_edges<M: Metric, O: Observer>(
             }
         }
         steps += 1;
-        run.look_ahead(&queue);
+        run.look_ahead(&mut queue);
         if let Some((edge, cost)) = queue.peek() {
             run.step(&mut queue, edge, cost);
             continue;
@@ -126,6 +126,10 @@ pub fn collapse_edges<M: Metric, O: Observer>(
 
 /// How much a cost may rise before an edge goes back into the queue: what `f32` rounds away, and a little more.
 const SLACK: f64 = 1.0 + 1e-6;
+
+fn has_risen(cost: f64, stored: f64) -> bool {
+    cost > stored * SLACK + f64::MIN_POSITIVE && f64::from(cost as f32) > stored
+}
 
 /// Faces around the ends of an edge from which on walking around them counts as costly.
 const LARGE: usize = 1024;
@@ -200,20 +204,32 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
     /// Starts loading what the next steps need: first the edge, later its ends, last the faces around them, each once
     /// what it takes to find it has arrived. The distances are by measurement; between half and twice of them, the
     /// time hardly changes.
+    ///
+    /// Where costs are computed again when they come up, most have risen and go back: that is found out on the way,
+    /// before the faces are loaded for nothing.
     #[inline]
-    fn look_ahead(&self, queue: &Queue) {
+    fn look_ahead(&self, queue: &mut Queue) {
         if let Some(edge) = queue.upcoming(32) {
             queue.prefetch(edge);
             self.mesh.prefetch_edge(edge);
         }
-        if let Some(edge) = queue.upcoming(18) {
+        if let Some((edge, _)) = queue.upcoming_cost(18) {
             for v in self.mesh.ends(edge) {
                 self.mesh.prefetch_vertex(v);
                 self.metric.prefetch(v);
             }
         }
+        if self.metric.update() == Update::WhenDue
+            && let Some((edge, stored)) = queue.upcoming_cost(10)
+        {
+            match self.costs().evaluate(edge) {
+                Ok(Some(candidate)) if !has_risen(candidate.cost, stored) => {}
+                Ok(Some(candidate)) => queue.set(edge, candidate.cost),
+                _ => queue.remove(edge),
+            }
+        }
         for (step, ahead) in [9, 7, 5, 3].into_iter().enumerate() {
-            if let Some(edge) = queue.upcoming(ahead) {
+            if let Some((edge, _)) = queue.upcoming_cost(ahead) {
                 for v in self.mesh.ends(edge) {
                     self.mesh.prefetch_ring(v, step);
                 }
@@ -227,7 +243,7 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
             Ok(Some(candidate)) => candidate,
             _ => return queue.remove(edge),
         };
-        if candidate.cost > stored_cost * SLACK + f64::MIN_POSITIVE && f64::from(candidate.cost as f32) > stored_cost {
+        if has_risen(candidate.cost, stored_cost) {
             return queue.set(edge, candidate.cost);
         }
         if self.limits.max_error_sq.is_some_and(|most| candidate.error_sq > most) {
@@ -296,8 +312,8 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         (t, error): (f32, f64),
         test: bool,
     ) -> bool {
-        let (kept_ring, removed_ring) = (&self.kept_ring, &self.removed_ring);
-        let collapse = Collapse { edge, kept, removed, position, t, error, kept_ring, removed_ring };
+        let star = EdgeStar::new(edge, [kept, removed], &self.kept_ring, &self.removed_ring);
+        let collapse = Collapse { star, position, t, error };
         if test && !self.limits.allow(self.mesh, &collapse, &mut self.marks, &mut self.outcome.refused) {
             return false;
         }
@@ -308,10 +324,9 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         self.observer.on_collapse(self.mesh, &collapse);
         self.outcome.collapses += 1;
         self.outcome.error = self.outcome.error.max(error);
-        let (marks, effect) = (&mut self.marks, &mut self.effect);
-        self.mesh.collapse(edge, [kept, removed], position, kept_ring, removed_ring, marks, effect);
-        self.features.commit(kept, removed, effect);
-        self.metric.commit(self.mesh, kept, removed, &effect.neighbors, self.features);
+        self.mesh.collapse(&star, position, &mut self.marks, &mut self.effect);
+        self.features.commit(kept, removed, &self.effect);
+        self.metric.commit(self.mesh, kept, removed, &self.effect.neighbors, self.features);
         if !self.importance.is_empty() {
             let merged = self.importance[kept as usize].max(self.importance[removed as usize]);
             self.importance[kept as usize] = merged;
@@ -376,11 +391,12 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
 
 /// Whether a locked vertex would lose its last face.
 fn strands_locked(mesh: &CollapseMesh, features: &Features, collapse: &Collapse<'_>) -> bool {
-    let [kept, removed] = [collapse.kept, collapse.removed];
-    let apexes = collapse.kept_ring.iter().filter(|face| collapse.kills(face)).flat_map(|face| [face.x, face.y]);
+    let [kept, removed] = [collapse.star.kept, collapse.star.removed];
+    let apexes =
+        collapse.star.kept_ring.iter().filter(|face| collapse.star.kills(face)).flat_map(|face| [face.x, face.y]);
     let bare = |v: u32| mesh.faces_around(v).all(|face| [face.x, face.y].iter().all(|&w| w == kept || w == removed));
     let mut locked_apexes = apexes.filter(|&v| v != removed && features.is_locked(v));
-    let mut rings = collapse.kept_ring.iter().chain(collapse.removed_ring);
+    let mut rings = collapse.star.kept_ring.iter().chain(collapse.star.removed_ring);
     locked_apexes.any(bare)
-        || (features.is_locked(kept) || features.is_locked(removed)) && rings.all(|face| collapse.kills(face))
+        || (features.is_locked(kept) || features.is_locked(removed)) && rings.all(|face| collapse.star.kills(face))
 }

@@ -3,6 +3,7 @@
 use glam::DVec3;
 
 use super::options::{Refusals, TopologyPolicy};
+use crate::topology::EdgeStar;
 use crate::topology::collapse_mesh::{CollapseMesh, Marks, RingFace};
 
 /// Which tests are made.
@@ -23,31 +24,14 @@ pub struct Limits {
 /// A collapse about to be tested or made: `removed` merges into `kept`, which moves.
 #[derive(Debug)]
 pub struct Collapse<'a> {
-    /// The edge.
-    pub edge: u32,
-    /// The vertex that stays, by name.
-    pub kept: u32,
-    /// The vertex that goes.
-    pub removed: u32,
+    /// The edge and the faces around it.
+    pub star: EdgeStar<'a>,
     /// Where the merged vertex goes, in model units, as stored.
     pub position: [f32; 3],
     /// Where on the segment from `kept` (0) to `removed` (1) that is, by orthogonal projection.
     pub t: f32,
     /// Distance from the original that the metric expects, in model units.
     pub error: f64,
-    /// Faces around `kept` before.
-    pub kept_ring: &'a [RingFace],
-    /// Faces around `removed` before.
-    pub removed_ring: &'a [RingFace],
-}
-
-impl Collapse<'_> {
-    /// Whether a face around one end is at the other end, too, and vanishes.
-    #[inline]
-    pub fn kills(&self, face: &RingFace) -> bool {
-        let both = [self.kept, self.removed];
-        both.contains(&face.x) || both.contains(&face.y)
-    }
 }
 
 impl Limits {
@@ -61,7 +45,7 @@ impl Limits {
     ) -> bool {
         let counter = if self.min_normal_cos.is_some_and(|cos| folds_over(mesh, collapse, cos)) {
             &mut refused.fold_over
-        } else if !keeps_topology(collapse, self.topology, marks) {
+        } else if !keeps_topology(&collapse.star, self.topology, marks) {
             &mut refused.topology
         } else if self.valence.is_some_and(|range| leaves_valence(mesh, collapse, marks, range)) {
             &mut refused.valence
@@ -78,29 +62,29 @@ impl Limits {
 /// The link condition (Dey et al. 1999; seed 001, 2.3.3): the links of the two ends meet in the link of the edge and
 /// nowhere else. Borders are closed by an imaginary vertex, as in the seed. [`TopologyPolicy::Manifold`] makes the two
 /// exceptions that it names.
-fn keeps_topology(collapse: &Collapse<'_>, policy: TopologyPolicy, marks: &mut Marks) -> bool {
+fn keeps_topology(star: &EdgeStar<'_>, policy: TopologyPolicy, marks: &mut Marks) -> bool {
     /// Bits of a mark: in the link of the kept vertex, opposite to the edge, in a face that stays.
     const KEPT: u32 = 1;
     const APEX: u32 = 2;
     const STAYS: u32 = 4;
-    if policy == TopologyPolicy::Free {
+    if policy == TopologyPolicy::Free || star.is_regular() {
         return true;
     }
     let lenient = policy == TopologyPolicy::Manifold;
     marks.clear();
-    let dying = collapse.kept_ring.iter().filter(|face| collapse.kills(face)).count();
+    let dying = star.kept_ring.iter().filter(|face| star.kills(face)).count();
     if dying == 0 {
         return true; // a pair to be joined: that is meant to change the topology
     }
     if dying > 2 {
         return false; // an edge of many faces
     }
-    if dying == collapse.kept_ring.len() && dying == collapse.removed_ring.len() {
+    if dying == star.kept_ring.len() && dying == star.removed_ring.len() {
         return lenient; // the last faces of a component, or a flap that hangs by a vertex
     }
-    for face in collapse.kept_ring {
-        let role = if collapse.kills(face) { APEX } else { STAYS };
-        for v in [face.x, face.y].into_iter().filter(|&v| v != collapse.removed) {
+    for face in star.kept_ring {
+        let role = if star.kills(face) { APEX } else { STAYS };
+        for v in [face.x, face.y].into_iter().filter(|&v| v != star.removed) {
             let before = marks.get(v).unwrap_or(0);
             if before & role & APEX != 0 {
                 return false; // two faces of the same three vertices: a bubble would vanish
@@ -108,35 +92,35 @@ fn keeps_topology(collapse: &Collapse<'_>, policy: TopologyPolicy, marks: &mut M
             marks.set(v, before | KEPT | role);
         }
     }
-    for face in collapse.removed_ring {
-        for v in [face.x, face.y].into_iter().filter(|&v| v != collapse.kept) {
+    for face in star.removed_ring {
+        for v in [face.x, face.y].into_iter().filter(|&v| v != star.kept) {
             let before = marks.get(v).unwrap_or(0);
             if before & KEPT != 0 && before & APEX == 0 {
                 // a common neighbour that no face joins to the edge: three edges around a hole, or around a handle
                 let on_border = |ring: &[RingFace]| ring.iter().filter(|face| face.x == v || face.y == v).count() == 1;
-                if !(lenient && on_border(collapse.kept_ring) && on_border(collapse.removed_ring)) {
+                if !(lenient && on_border(star.kept_ring) && on_border(star.removed_ring)) {
                     return false;
                 }
             }
-            if !collapse.kills(face) {
+            if !star.kills(face) {
                 marks.set(v, before | STAYS);
             }
         }
     }
-    let cut_off = |v: u32| v != collapse.removed && marks.get(v).is_some_and(|m| m & STAYS == 0);
-    let mut dead = collapse.kept_ring.iter().filter(|face| collapse.kills(face));
+    let cut_off = |v: u32| v != star.removed && marks.get(v).is_some_and(|m| m & STAYS == 0);
+    let mut dead = star.kept_ring.iter().filter(|face| star.kills(face));
     if dead.any(|face| cut_off(face.x) || cut_off(face.y)) {
         return false; // an apex would lose its only tie to the merged vertex
     }
     // an edge between two apexes with a face to either end: the two faces would fall together
-    let apexes = |v: u32| v != collapse.kept && v != collapse.removed && marks.get(v).is_some_and(|m| m & APEX != 0);
-    let joins_apexes = |face: &RingFace| !collapse.kills(face) && apexes(face.x) && apexes(face.y);
-    if collapse.kept_ring.iter().any(joins_apexes) && collapse.removed_ring.iter().any(joins_apexes) {
+    let apexes = |v: u32| v != star.kept && v != star.removed && marks.get(v).is_some_and(|m| m & APEX != 0);
+    let joins_apexes = |face: &RingFace| !star.kills(face) && apexes(face.x) && apexes(face.y);
+    if star.kept_ring.iter().any(joins_apexes) && star.removed_ring.iter().any(joins_apexes) {
         // a tetrahedron may go as a whole: the driver takes away what is left of it
-        return lenient && collapse.kept_ring.len() == 3 && collapse.removed_ring.len() == 3 && dying == 2;
+        return lenient && star.kept_ring.len() == 3 && star.removed_ring.len() == 3 && dying == 2;
     }
     // two border vertices may only merge along the border: else it is pinched
-    dying == 1 || !(is_on_border(collapse.kept_ring) && is_on_border(collapse.removed_ring))
+    dying == 1 || !(is_on_border(star.kept_ring) && is_on_border(star.removed_ring))
 }
 
 /// Whether some edge around a vertex has an odd number of faces: the exclusive or of (well mixed) edge numbers, each
@@ -148,27 +132,29 @@ fn is_on_border(ring: &[RingFace]) -> bool {
 
 fn folds_over(mesh: &CollapseMesh, collapse: &Collapse<'_>, min_cos: f64) -> bool {
     let target = mesh.frame().enter(collapse.position);
-    [(collapse.kept, collapse.kept_ring), (collapse.removed, collapse.removed_ring)].into_iter().any(|(v, ring)| {
-        let p = mesh.point(v);
-        ring.iter().filter(|face| !collapse.kills(face)).any(|face| {
-            let (x, y) = (mesh.point(face.x), mesh.point(face.y));
-            let before = (x - p).cross(y - p);
-            let after = (x - target).cross(y - target);
-            // a face without area has no normal: before, there is none to keep; after, that is no good
-            let lengths = (before.length_squared() * after.length_squared()).sqrt();
-            before != DVec3::ZERO && before.dot(after) <= min_cos * lengths
+    [(collapse.star.kept, collapse.star.kept_ring), (collapse.star.removed, collapse.star.removed_ring)]
+        .into_iter()
+        .any(|(v, ring)| {
+            let p = mesh.point(v);
+            ring.iter().filter(|face| !collapse.star.kills(face)).any(|face| {
+                let (x, y) = (mesh.point(face.x), mesh.point(face.y));
+                let before = (x - p).cross(y - p);
+                let after = (x - target).cross(y - target);
+                // a face without area has no normal: before, there is none to keep; after, that is no good
+                let lengths = (before.length_squared() * after.length_squared()).sqrt();
+                before != DVec3::ZERO && before.dot(after) <= min_cos * lengths
+            })
         })
-    })
 }
 
 fn leaves_valence(mesh: &CollapseMesh, collapse: &Collapse<'_>, marks: &mut Marks, (low, high): (u32, u32)) -> bool {
     marks.clear();
     let mut valence = 0;
     let mut apexes = Vec::new();
-    for face in collapse.kept_ring.iter().chain(collapse.removed_ring) {
-        for v in [face.x, face.y].into_iter().filter(|&v| v != collapse.kept && v != collapse.removed) {
+    for face in collapse.star.kept_ring.iter().chain(collapse.star.removed_ring) {
+        for v in [face.x, face.y].into_iter().filter(|&v| v != collapse.star.kept && v != collapse.star.removed) {
             valence += u32::from(marks.set(v, 0).is_none());
-            if collapse.kills(face) && !apexes.contains(&v) {
+            if collapse.star.kills(face) && !apexes.contains(&v) {
                 apexes.push(v);
             }
         }
@@ -191,11 +177,13 @@ fn spoils_triangles(mesh: &CollapseMesh, collapse: &Collapse<'_>, least: f64) ->
     let target = mesh.frame().enter(collapse.position);
     let mut before = f64::INFINITY;
     let mut after = f64::INFINITY;
-    for (v, ring) in [(collapse.kept, collapse.kept_ring), (collapse.removed, collapse.removed_ring)] {
+    for (v, ring) in
+        [(collapse.star.kept, collapse.star.kept_ring), (collapse.star.removed, collapse.star.removed_ring)]
+    {
         for face in ring {
             let [p, x, y] = [v, face.x, face.y].map(|v| mesh.point(v));
             before = before.min(triangle_quality(p, x, y));
-            if !collapse.kills(face) {
+            if !collapse.star.kills(face) {
                 after = after.min(triangle_quality(target, x, y));
             }
         }

@@ -136,6 +136,9 @@ pub struct QuadricOptions {
 pub struct QuadricMetric {
     options: QuadricOptions,
     quadrics: Vec<Quadric>,
+    /// Squared distance from the original that the vertices have gone: what memoryless quadrics do not know. Steps add
+    /// up like independent errors. Empty for quadrics that are summed.
+    drift_sq: Vec<f32>,
 }
 
 /// What makes short edges go first among equals, as a squared distance relative to the edge's.
@@ -156,7 +159,7 @@ const REACH: f64 = 2.0;
 impl QuadricMetric {
     /// A metric without quadrics yet: [`Metric::prepare`] makes them.
     pub fn new(options: QuadricOptions) -> Self {
-        Self { options, quadrics: Vec::new() }
+        Self { options, quadrics: Vec::new(), drift_sq: Vec::new() }
     }
 
     /// The quadric of a vertex from the faces around it.
@@ -190,28 +193,40 @@ impl QuadricMetric {
         sum
     }
 
-    fn place(&self, q: &Quadric, edge: &EdgeContext) -> DVec3 {
+    /// The larger drift of two vertices.
+    #[inline]
+    fn drift_sq_of(&self, vertices: [u32; 2]) -> f64 {
+        let [a, b] = vertices.map(|v| self.drift_sq.get(v as usize).copied().unwrap_or(0.0));
+        f64::from(a.max(b))
+    }
+
+    /// Where the merged vertex goes, and the value of the quadric there.
+    #[inline]
+    fn place(&self, q: &Quadric, edge: &EdgeContext) -> (DVec3, f64) {
         let [a, b] = edge.points;
+        let with_value = |p: DVec3| (p, q.at(p));
+        let better_end = || {
+            let [a, b] = [with_value(a), with_value(b)];
+            if b.1 < a.1 { b } else { a }
+        };
         match (edge.anchor, self.options.placement) {
-            (Anchor::First, _) => a,
-            (Anchor::Second, _) => b,
-            (Anchor::Free, PlacementKind::Subset) => {
-                if q.at(b) < q.at(a) {
-                    b
-                } else {
-                    a
-                }
-            }
-            (Anchor::Free, PlacementKind::Midpoint) => (a + b) / 2.0,
+            (Anchor::First, _) => with_value(a),
+            (Anchor::Second, _) => with_value(b),
+            (Anchor::Free, PlacementKind::Subset) => better_end(),
+            (Anchor::Free, PlacementKind::Midpoint) => with_value((a + b) / 2.0),
             (Anchor::Free, PlacementKind::Optimal | PlacementKind::OptimalVolume) => {
-                let ends = [a, b].map(|p| (q.at(p), p));
-                let better = if ends[1].0 < ends[0].0 { ends[1] } else { ends[0] };
-                if better.0 <= FLAT * FLAT * q.weight {
-                    return better.1;
+                let optimum = q.minimize_near((a + b) / 2.0).filter(|&p| is_near(p, edge)).map(with_value);
+                let flat = FLAT * FLAT * q.weight;
+                if let Some(optimum) = optimum.filter(|optimum| optimum.1 > flat) {
+                    return optimum; // no end can be better, so none is good enough to be kept
                 }
-                q.minimize_near((a + b) / 2.0).filter(|&p| is_near(p, edge)).unwrap_or_else(|| {
-                    let inside = q.minimize_on_segment(a, b);
-                    if better.0 < q.at(inside) { better.1 } else { inside }
+                let end = better_end();
+                if end.1 <= flat {
+                    return end;
+                }
+                optimum.unwrap_or_else(|| {
+                    let inside = with_value(q.minimize_on_segment(a, b));
+                    if end.1 < inside.1 { end } else { inside }
                 })
             }
         }
@@ -244,17 +259,18 @@ impl Metric for QuadricMetric {
     fn prepare(&mut self, mesh: &CollapseMesh, features: &Features) {
         let quadrics = (0..mesh.vertex_count() as u32).into_par_iter().map(|v| self.quadric_of(mesh, v, features));
         self.quadrics = quadrics.collect();
+        self.drift_sq = vec![0.0; if self.options.memoryless { self.quadrics.len() } else { 0 }];
     }
 
     #[inline]
     fn evaluate(&self, edge: &EdgeContext) -> Option<Candidate> {
         let q = self.quadrics[edge.ends[0] as usize] + self.quadrics[edge.ends[1] as usize];
-        let position = self.place(&q, edge);
-        let squared = q.at(position).max(0.0);
-        let error_sq = if q.weight > 0.0 { squared / q.weight } else { 0.0 };
+        let (position, squared) = self.place(&q, edge);
+        let squared = squared.max(0.0);
+        let mean_sq = if q.weight > 0.0 { squared / q.weight } else { 0.0 };
         let shortness = SHORTNESS * edge.points[0].distance_squared(edge.points[1]);
-        let cost = if self.options.normalized { error_sq + shortness } else { squared + shortness * q.weight };
-        Some(Candidate { cost, error_sq, position })
+        let cost = if self.options.normalized { mean_sq + shortness } else { squared + shortness * q.weight };
+        Some(Candidate { cost, error_sq: mean_sq + self.drift_sq_of(edge.ends), position })
     }
 
     fn refine(&self, mesh: &CollapseMesh, edge: &EdgeContext, candidate: &Candidate, rings: [&[RingFace]; 2]) -> DVec3 {
@@ -273,6 +289,9 @@ impl Metric for QuadricMetric {
 
     fn commit(&mut self, mesh: &CollapseMesh, kept: u32, removed: u32, neighbors: &[u32], features: &Features) {
         if self.options.memoryless {
+            let q = self.quadrics[kept as usize] + self.quadrics[removed as usize];
+            let step_sq = if q.weight > 0.0 { q.at(mesh.point(kept)).max(0.0) / q.weight } else { 0.0 };
+            self.drift_sq[kept as usize] = (step_sq + self.drift_sq_of([kept, removed])) as f32;
             for &vertex in std::iter::once(&kept).chain(neighbors) {
                 self.quadrics[vertex as usize] = self.quadric_of(mesh, vertex, features);
             }

@@ -19,11 +19,11 @@ pub enum MetricKind {
     /// Plane quadrics, summed as vertices merge (Garland and Heckbert 1997; seed 000, 4.3.2: QEM).
     Quadric,
     /// [`Quadric`](Self::Quadric) with constraint planes through border edges (seed 000, 4.3.3).
-    #[default]
     ConstrainedQuadric,
     /// Quadrics rebuilt from the current triangles at every step (Lindstrom and Turk 1999; seed 000, 4.3.4).
     MemorylessQuadric,
     /// [`MemorylessQuadric`](Self::MemorylessQuadric) with constraint planes (seed 000, 4.3.5).
+    #[default]
     ConstrainedMemorylessQuadric,
     /// [`ConstrainedQuadric`](Self::ConstrainedQuadric) divided by the accumulated weight, a mean squared distance
     /// (seed 002, 6.3).
@@ -59,9 +59,9 @@ pub enum QuadricWeight {
 pub enum Order {
     /// The cheapest first, always.
     Exact,
-    /// Costs that differ by less than an eighth count as equal, and among equals the order is that of space: what is
-    /// worked on next is near in memory. On a million triangles this takes a third less time, and the measured error
-    /// does not change (less than 0.1 % either way).
+    /// As long as many edges are left (32,768), costs within a factor of 1.5 count as equal, and among equals the order
+    /// is that of space: what is worked on next is near in memory. On a million triangles this takes a third to a half
+    /// less time, and the measured error rises by less than 1 %.
     #[default]
     Spatial,
 }

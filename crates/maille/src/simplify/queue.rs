@@ -10,17 +10,21 @@ use std::collections::BinaryHeap;
 
 use super::options::Order;
 use crate::prefetch::prefetch;
+use crate::radix::sort_by_bits;
 
 /// Cost of an edge that is not in the queue; no cost has these bits.
 const ABSENT: u32 = u32::MAX;
 
-/// Bits of an `f32` cost below those that choose its bucket: 8 bits of exponent and 3 of mantissa, so that the costs in
-/// a bucket differ by an eighth at most.
-const BUCKET_SHIFT: u32 = 20;
+/// Bits of an `f32` cost below those that choose its bucket: 8 bits of exponent and 1 of mantissa, so that the costs in
+/// a bucket differ by a factor of 1.5 at most.
+const BUCKET_SHIFT: u32 = 22;
+
+/// Edges below which order by space gains no time: all that they need is in the cache.
+const FEW: usize = 1 << 15;
 
 /// Edges in order of cost, lowest first; any edge may be added, changed or removed at any time. In [`Order::Exact`] ties
-/// go by the lower edge; in [`Order::Spatial`] so do all costs of a bucket, and what comes for the due bucket while it
-/// is worked on waits for its next round.
+/// go by the lower edge; in [`Order::Spatial`] so do all costs of a bucket as long as there are many edges, and what
+/// comes for the due bucket while it is worked on waits for its next round.
 ///
 /// Costs are non-negative `f32`, whose bits sort like the numbers. An entry packs a cost above its edge into 64 bits.
 /// What an edge costs now is kept beside; entries that say something else are out of date and skipped when they come
@@ -42,7 +46,11 @@ pub(super) struct Queue {
     late: BinaryHeap<Reverse<u64>>,
     /// In spatial order.
     next: Vec<u64>,
+    /// For sorting.
+    scratch: Vec<u64>,
     order: Order,
+    /// Number of edges in the queue below which the order is exact in any case.
+    few: usize,
     /// Number of entries, those out of date among them.
     entries: usize,
     /// Number of edges in the queue.
@@ -73,7 +81,7 @@ impl Queue {
     /// A queue of the edges 0, 1, ...: one cost each, `None` to leave the edge out. Linear.
     pub(super) fn new(costs: impl Iterator<Item = Option<f64>>, order: Order) -> Self {
         let costs = costs.map(|c| c.map_or(ABSENT, bits_of)).collect();
-        let mut queue = Self { costs, order, ..Self::default() };
+        let mut queue = Self { costs, order, few: FEW, ..Self::default() };
         queue.rebuild();
         queue
     }
@@ -109,11 +117,18 @@ impl Queue {
             } else {
                 return;
             }
-            match self.order {
-                Order::Exact => self.due.sort_unstable_by_key(|&entry| Reverse(entry)),
-                Order::Spatial => self.due.sort_unstable_by_key(|&entry| Reverse(entry as u32)),
+            if self.is_exact() {
+                self.due.sort_unstable_by_key(|&entry| Reverse(entry));
+            } else {
+                sort_by_bits(&mut self.due, 0, &mut self.scratch);
+                self.due.reverse();
             }
         }
+    }
+
+    /// Whether costs decide alone at present.
+    fn is_exact(&self) -> bool {
+        self.order == Order::Exact || self.live < self.few
     }
 
     /// The first entry, out of date or not.
@@ -145,10 +160,19 @@ impl Queue {
         }
     }
 
-    /// The edge that will come up after `ahead` others if nothing changes, as far as that is known.
+    /// The edge of the entry that will come up after `ahead` others if nothing changes, as far as that is known. It may
+    /// be out of date.
     #[inline]
     pub(super) fn upcoming(&self, ahead: usize) -> Option<u32> {
         self.due.len().checked_sub(ahead + 1).map(|i| self.due[i] as u32)
+    }
+
+    /// As [`upcoming`](Self::upcoming), with the cost as stored; `None` when the entry is out of date.
+    #[inline]
+    pub(super) fn upcoming_cost(&self, ahead: usize) -> Option<(u32, f64)> {
+        let entry = self.due[self.due.len().checked_sub(ahead + 1)?];
+        let (bits, edge) = ((entry >> 32) as u32, entry as u32);
+        (self.costs[edge as usize] == bits).then(|| (edge, f64::from(f32::from_bits(bits))))
     }
 
     /// Starts loading what [`peek`](Self::peek) needs to know about an edge.
@@ -172,9 +196,10 @@ impl Queue {
         self.live += usize::from(before == ABSENT);
         self.entries += 1;
         if bucket(bits) < self.current {
-            match self.order {
-                Order::Exact => self.late.push(Reverse(entry(bits, edge))),
-                Order::Spatial => self.next.push(entry(bits, edge)),
+            if self.is_exact() {
+                self.late.push(Reverse(entry(bits, edge)));
+            } else {
+                self.next.push(entry(bits, edge));
             }
         } else {
             self.buckets[bucket(bits)].push(entry(bits, edge));
@@ -244,8 +269,10 @@ mod tests {
     }
 
     #[test]
-    fn spatial_order_goes_by_edge_within_an_eighth_of_the_cost() {
-        let mut queue = Queue::new([9.0, 1.1, 1.0, 2.0, 1.05].map(Some).into_iter(), Order::Spatial);
+    fn spatial_order_goes_by_edge_among_similar_costs() {
+        let mut queue = Queue::new([9.0, 1.3, 1.0, 2.0, 1.05].map(Some).into_iter(), Order::Spatial);
+        queue.few = 0;
+        queue.rebuild();
         let mut order = vec![];
         while let Some((edge, _)) = queue.peek() {
             order.push(edge);

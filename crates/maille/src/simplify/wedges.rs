@@ -147,8 +147,8 @@ impl<'a> WedgeMerger<'a> {
         let Some(triangles) = &mut self.triangles else { return };
         let groups = &mut self.scratch;
         groups.pairs.clear();
-        for face in collapse.kept_ring.iter().filter(|face| collapse.kills(face)) {
-            let other = if face.x == collapse.removed { face.corner + 1 } else { face.corner + 2 } % 3;
+        for face in collapse.star.kept_ring.iter().filter(|face| collapse.star.kills(face)) {
+            let other = if face.x == collapse.star.removed { face.corner + 1 } else { face.corner + 2 } % 3;
             let wedges = triangles[face.face as usize];
             groups.pairs.push((wedges[face.corner as usize], wedges[other as usize]));
         }
@@ -159,7 +159,9 @@ impl<'a> WedgeMerger<'a> {
                 *wedge = representative;
             }
         };
-        for face in collapse.kept_ring.iter().chain(collapse.removed_ring).filter(|face| !collapse.kills(face)) {
+        for face in
+            collapse.star.kept_ring.iter().chain(collapse.star.removed_ring).filter(|face| !collapse.star.kills(face))
+        {
             rename(face, triangles);
         }
     }
@@ -169,8 +171,8 @@ impl<'a> WedgeMerger<'a> {
     fn blend_loose_wedges(&mut self, collapse: &Collapse<'_>) {
         let Some(triangles) = &self.triangles else { return };
         let groups = &self.scratch;
-        let loose = [collapse.kept_ring, collapse.removed_ring].map(|ring| {
-            let staying = ring.iter().filter(|face| !collapse.kills(face));
+        let loose = [collapse.star.kept_ring, collapse.star.removed_ring].map(|ring| {
+            let staying = ring.iter().filter(|face| !collapse.star.kills(face));
             let wedges = staying.map(|face| triangles[face.face as usize][face.corner as usize]);
             let mut loose: Vec<u32> = wedges.filter(|&w| groups.place(w).is_none()).collect();
             loose.sort_unstable();
@@ -214,14 +216,14 @@ impl Observer for WedgeMerger<'_> {
     fn on_collapse(&mut self, _: &CollapseMesh, collapse: &Collapse<'_>) {
         let t = collapse.t;
         for attribute in &mut self.mesh.vertex_attributes {
-            blend(attribute, [collapse.kept, collapse.removed], collapse.kept, t);
+            blend(attribute, [collapse.star.kept, collapse.star.removed], collapse.star.kept, t);
         }
         if self.mesh.wedge_attributes.is_empty() && self.mesh.morph_targets.is_empty() && self.triangles.is_none() {
             return;
         }
         self.merge_groups(collapse);
         self.blend_loose_wedges(collapse);
-        let plain = [(collapse.kept, collapse.removed)];
+        let plain = [(collapse.star.kept, collapse.star.removed)];
         let pairs = if self.triangles.is_some() { &self.scratch.pairs } else { &plain[..] };
         // one pair of each group gives its values; the others would give the same up to the seam that ends here
         let mut done = 0_u32; // the first pairs, as bits: there are hardly ever more than two
@@ -244,12 +246,12 @@ impl Observer for WedgeMerger<'_> {
                 *stale = true;
             }
         }
-        for face in collapse.kept_ring.iter().chain(collapse.removed_ring) {
+        for face in collapse.star.kept_ring.iter().chain(collapse.star.removed_ring) {
             if self.stale_normals.is_empty() {
                 break;
             }
             let wedges = self.triangles.as_ref().map(|triangles| triangles[face.face as usize]);
-            for w in wedges.unwrap_or([collapse.kept, face.x, face.y]) {
+            for w in wedges.unwrap_or([collapse.star.kept, face.x, face.y]) {
                 self.stale_normals[w as usize] = true;
             }
         }

@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::edge_star::EdgeStar;
 use crate::prefetch::prefetch;
 
 /// "None" in the index arrays.
@@ -43,14 +44,18 @@ pub struct RingFace {
     pub edge_y: u32,
 }
 
-/// Coordinates in which the simplifier computes: the model moved to its centre and scaled to extent 1.
+/// Coordinates in which the simplifier computes: the model moved to its centre and scaled to an extent between a half
+/// and 1.
 ///
-/// Tolerances then mean the same for a molecule and a mountain; errors are scaled back with [`Frame::unit`].
+/// Tolerances then mean the same for a molecule and a mountain; errors are scaled back with [`Frame::unit`]. Scaling is
+/// by a power of two, which rounds nothing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
     center: DVec3,
     /// Length in model units of 1 in this frame.
     unit: f64,
+    /// One over it.
+    scale: f64,
 }
 
 impl Frame {
@@ -62,9 +67,10 @@ impl Frame {
             .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(point(p)), high.max(point(p))));
         let extent = (high - low).max_element();
         if extent > 0.0 && extent.is_finite() {
-            Self { center: (low + high) / 2.0, unit: extent }
+            let unit = extent.log2().ceil().exp2();
+            Self { center: (low + high) / 2.0, unit, scale: 1.0 / unit }
         } else {
-            Self { center: if low.is_finite() { low } else { DVec3::ZERO }, unit: 1.0 }
+            Self { center: if low.is_finite() { low } else { DVec3::ZERO }, unit: 1.0, scale: 1.0 }
         }
     }
 
@@ -76,7 +82,7 @@ impl Frame {
     /// From model units.
     #[inline]
     pub fn enter(&self, p: [f32; 3]) -> DVec3 {
-        (glam::Vec3::from(p).as_dvec3() - self.center) / self.unit
+        (glam::Vec3::from(p).as_dvec3() - self.center) * self.scale
     }
 
     /// To model units, rounded to what a mesh stores.
@@ -184,7 +190,11 @@ impl Marks {
 
     #[inline]
     fn place(&self, vertex: u32) -> Option<usize> {
-        self.vertices[..self.len].iter().position(|&v| v == vertex)
+        // eight at a time without a branch between them: where a vertex is found is hard to predict
+        self.vertices[..self.len].chunks(8).enumerate().find_map(|(i, chunk)| {
+            let found = chunk.iter().enumerate().fold(0_u32, |found, (k, &v)| found | u32::from(v == vertex) << k);
+            (found != 0).then(|| 8 * i + found.trailing_zeros() as usize)
+        })
     }
 
     #[cold]
@@ -374,16 +384,11 @@ impl CollapseMesh {
 
     /// Merges the ends of an edge: `removed` becomes `kept`, which moves to `position`; faces at both are no more.
     ///
-    /// `kept_ring` and `removed_ring` are what [`ring`](Self::ring) gives for the two; `marks` is scratch. After the
-    /// call `marks` holds the neighbours of `kept`.
-    #[expect(clippy::too_many_arguments, reason = "scratch that the caller has filled already is passed in")]
+    /// The star must be that of the edge as it is now; `marks` is scratch.
     pub fn collapse(
         &mut self,
-        edge: u32,
-        [kept, removed]: [u32; 2],
+        star: &EdgeStar<'_>,
         position: [f32; 3],
-        kept_ring: &[RingFace],
-        removed_ring: &[RingFace],
         marks: &mut Marks,
         effect: &mut CollapseEffect,
     ) {
@@ -391,8 +396,83 @@ impl CollapseMesh {
         effect.merged_edges.clear();
         effect.edges.clear();
         effect.neighbors.clear();
-        effect.removed_edges.push(edge);
-        self.positions[kept as usize] = position;
+        effect.removed_edges.push(star.edge);
+        self.positions[star.kept as usize] = position;
+        if star.is_regular() && self.pairs.is_empty() {
+            self.merge_regular(star, effect);
+        } else {
+            self.merge(star, marks, effect);
+        }
+    }
+
+    /// The part of [`collapse`](Self::collapse) that merges regular stars: every neighbour is `x` of one face around an
+    /// end, and only the two apexes are neighbours of both.
+    fn merge_regular(&mut self, star: &EdgeStar<'_>, effect: &mut CollapseEffect) {
+        let &EdgeStar { kept, removed, kept_ring, removed_ring, .. } = star;
+        let mut first = NONE;
+        // the edges from `kept` to the apexes
+        let (mut left, mut right) = ((NONE, NONE), (NONE, NONE));
+        for ring in kept_ring {
+            if ring.x == removed {
+                left = (ring.y, ring.edge_y);
+                self.faces[ring.face as usize].vertex = [NONE; 3];
+                continue;
+            }
+            effect.edges.push(ring.edge_x);
+            effect.neighbors.push(ring.x);
+            let face = &mut self.faces[ring.face as usize];
+            if ring.y == removed {
+                right = (ring.x, ring.edge_x);
+                face.vertex = [NONE; 3];
+                continue;
+            }
+            face.next[ring.corner as usize] = first;
+            first = ring.face * 4 + u32::from(ring.corner);
+        }
+        self.live_faces -= 2;
+        let apex_edge = |v: u32| {
+            let second = if v == right.0 { right.1 } else { NONE };
+            if v == left.0 { left.1 } else { second }
+        };
+        for ring in removed_ring {
+            let known = apex_edge(ring.x);
+            if known != NONE {
+                self.retire(ring.edge_x, Some(known), effect);
+            } else if ring.x != kept {
+                self.ends[ring.edge_x as usize] = [kept, ring.x];
+                effect.edges.push(ring.edge_x);
+                effect.neighbors.push(ring.x);
+            }
+            if ring.x == kept || ring.y == kept {
+                continue;
+            }
+            let k = ring.corner as usize;
+            let face = &mut self.faces[ring.face as usize];
+            face.vertex[k] = kept;
+            face.next[k] = first;
+            first = ring.face * 4 + k as u32;
+            // the edge to x is opposite to the corner before k, the edge to y to the one after
+            if known != NONE {
+                face.edge[(k + 2) % 3] = known;
+            }
+            let known = apex_edge(ring.y);
+            if known != NONE {
+                face.edge[(k + 1) % 3] = known;
+            }
+        }
+        self.close(star, first);
+    }
+
+    /// Names the faces of the merged vertex and takes the other and the edge out.
+    fn close(&mut self, star: &EdgeStar<'_>, first: u32) {
+        self.first_corner[star.kept as usize] = first;
+        self.first_corner[star.removed as usize] = NONE;
+        self.ends[star.edge as usize] = [NONE; 2];
+    }
+
+    /// The part of [`collapse`](Self::collapse) that merges any star.
+    fn merge(&mut self, star: &EdgeStar<'_>, marks: &mut Marks, effect: &mut CollapseEffect) {
+        let &EdgeStar { kept, removed, kept_ring, removed_ring, .. } = star;
         marks.clear();
         let mut note = |n: u32, e: u32, effect: &mut CollapseEffect| {
             let known = marks.get(n);
@@ -443,9 +523,7 @@ impl CollapseMesh {
                 }
             }
         }
-        self.first_corner[kept as usize] = first;
-        self.first_corner[removed as usize] = NONE;
-        self.ends[edge as usize] = [NONE; 2];
+        self.close(star, first);
         if !self.pairs.is_empty() {
             self.merge_pairs(kept, removed, marks, effect);
         }

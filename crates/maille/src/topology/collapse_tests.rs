@@ -4,8 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use proptest::prelude::*;
 
+use super::EdgeStar;
 use super::collapse_mesh::{CollapseEffect, CollapseMesh, Marks};
 use super::edges::is_degenerate;
+use crate::mesh::shapes;
 use crate::zoo::zoo;
 
 /// What the structure should hold, as a plain list of triangles.
@@ -88,7 +90,7 @@ fn collapse(mesh: &mut CollapseMesh, edge: u32, swap: bool, marks: &mut Marks) -
     mesh.ring(kept, &mut kept_ring);
     mesh.ring(removed, &mut removed_ring);
     let before: Vec<u32> = (0..mesh.edge_count() as u32).filter(|&e| mesh.has_edge(e)).collect();
-    mesh.collapse(edge, [kept, removed], [0.5; 3], &kept_ring, &removed_ring, marks, &mut effect);
+    mesh.collapse(&EdgeStar::new(edge, [kept, removed], &kept_ring, &removed_ring), [0.5; 3], marks, &mut effect);
     let gone: BTreeSet<u32> = before.into_iter().filter(|&e| !mesh.has_edge(e)).collect();
     assert_eq!(effect.removed_edges.len(), gone.len());
     assert_eq!(effect.removed_edges.iter().copied().collect::<BTreeSet<_>>(), gone);
@@ -146,6 +148,51 @@ proptest! {
     ) {
         collapse_all(&faces, 12, &pairs, &choices);
     }
+}
+
+/// The faces of a closed surface of spheres or tori, some of them wound the other way.
+fn closed(wide: bool, flipped: &[prop::sample::Index]) -> (Vec<[u32; 3]>, usize) {
+    let mesh = if wide { shapes::torus(1.0, 0.3, 7, 5) } else { shapes::sphere(2) };
+    let mut faces: Vec<_> = (0..mesh.triangle_count()).map(|t| mesh.triangle_vertices(t)).collect();
+    for index in flipped {
+        index.get_mut(&mut faces).swap(0, 1);
+    }
+    (faces, mesh.vertex_count())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    #[test]
+    fn random_collapses_of_closed_surfaces_agree_with_a_search(
+        wide in any::<bool>(),
+        flipped in prop::collection::vec(any::<prop::sample::Index>(), 0..4),
+        choices in prop::collection::vec(any::<(prop::sample::Index, bool)>(), 25),
+    ) {
+        let (faces, vertices) = closed(wide, &flipped);
+        collapse_all(&faces, vertices, &[], &choices);
+    }
+}
+
+#[test]
+fn only_plain_stars_are_regular() {
+    let is_regular = |faces: &[[u32; 3]], [kept, removed]: [u32; 2]| {
+        let vertices = 1 + *faces.iter().flatten().max().unwrap();
+        let mesh = CollapseMesh::new(&vec![[0.0; 3]; vertices as usize], faces.iter().copied());
+        let rings = [kept, removed].map(|v| mesh.faces_around(v).collect::<Vec<_>>());
+        EdgeStar::new(0, [kept, removed], &rings[0], &rings[1]).is_regular()
+    };
+    let octahedron = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1], [5, 2, 1], [5, 3, 2], [5, 4, 3], [5, 1, 4]];
+    assert!(is_regular(&octahedron, [0, 1]));
+    assert!(!is_regular(&octahedron[1..], [0, 1]), "a border");
+    let mut flipped = octahedron;
+    flipped[4].swap(0, 1);
+    assert!(!is_regular(&flipped, [0, 1]), "a face wound the other way");
+    let tetrahedron = [[0, 1, 2], [0, 2, 3], [0, 3, 1], [3, 2, 1]];
+    assert!(!is_regular(&tetrahedron, [0, 1]), "apexes with a face at either end");
+    // two tetrahedra face to face: their common face is gone, its edges are the neck
+    let neck = [[0, 1, 3], [1, 2, 3], [2, 0, 3], [1, 0, 4], [2, 1, 4], [0, 2, 4]];
+    assert!(!is_regular(&neck, [0, 1]), "a neighbour in common that no face joins to the edge");
 }
 
 #[test]

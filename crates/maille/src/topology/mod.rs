@@ -12,6 +12,7 @@
 
 pub mod collapse_mesh;
 mod corner_table;
+mod edge_star;
 pub(crate) mod edges;
 mod ids;
 mod surface;
@@ -19,6 +20,7 @@ mod union_find;
 
 pub use collapse_mesh::CollapseMesh;
 pub use corner_table::{CornerTable, Fan, TopologyError, TopologyReport};
+pub use edge_star::EdgeStar;
 pub use ids::{CornerId, FaceId, VertexId};
 pub use surface::{BoundaryLoops, ClosedSurface, Component, Components};
 pub(crate) use union_find::UnionFind;

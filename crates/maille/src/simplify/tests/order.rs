@@ -1,6 +1,7 @@
 //! The order of collapses against a loop without a queue: it evaluates every edge at every step.
 
 use super::*;
+use crate::topology::EdgeStar;
 use crate::topology::collapse_mesh::{CollapseEffect, Marks};
 
 /// The (kept, removed) vertices of each collapse, and where it went.
@@ -9,7 +10,7 @@ struct Recorder(Vec<([u32; 2], [f32; 3])>);
 
 impl Observer for Recorder {
     fn on_collapse(&mut self, _: &CollapseMesh, collapse: &Collapse<'_>) {
-        self.0.push(([collapse.kept, collapse.removed], collapse.position));
+        self.0.push(([collapse.star.kept, collapse.star.removed], collapse.position));
     }
 }
 
@@ -48,7 +49,7 @@ fn by_search<M: Metric>(mesh: &Mesh, mut metric: M, target: usize) -> Recorder {
             p => faces.frame().leave(p),
         };
         recorder.0.push(([kept, removed], position));
-        faces.collapse(edge, [kept, removed], position, &rings[0], &rings[1], &mut marks, &mut effect);
+        faces.collapse(&EdgeStar::new(edge, [kept, removed], &rings[0], &rings[1]), position, &mut marks, &mut effect);
         features.commit(kept, removed, &effect);
         metric.commit(&faces, kept, removed, &effect.neighbors, &features);
     }
