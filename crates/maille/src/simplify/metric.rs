@@ -139,6 +139,8 @@ pub struct QuadricMetric {
     /// Squared distance from the original that the vertices have gone: what memoryless quadrics do not know. Steps add
     /// up like independent errors. Empty for quadrics that are summed.
     drift_sq: Vec<f32>,
+    /// How many more faces may be walked past to rebuild quadrics at vertices of very many.
+    patience: usize,
 }
 
 /// What makes short edges go first among equals, as a squared distance relative to the edge's.
@@ -153,21 +155,29 @@ const FLAT: f64 = 1e-7;
 /// coarse levels get worse (a plane fitted to bent stars of few faces says little).
 const VOLUME_PRICE: f64 = 1.5;
 
+/// Faces around a vertex from which on rebuilding its quadric counts as costly.
+const LARGE: usize = 1024;
+
+/// How many faces are walked past at such vertices for each face of the mesh. Then their quadrics stay as they are: next
+/// to a vertex of a hundred thousand faces, every collapse would look at all of them.
+const PATIENCE: usize = 64;
+
 /// How far, in edge lengths from the middle, an optimum may lie before it counts as badly conditioned.
 const REACH: f64 = 2.0;
 
 impl QuadricMetric {
     /// A metric without quadrics yet: [`Metric::prepare`] makes them.
     pub fn new(options: QuadricOptions) -> Self {
-        Self { options, quadrics: Vec::new(), drift_sq: Vec::new() }
+        Self { options, quadrics: Vec::new(), drift_sq: Vec::new(), patience: 0 }
     }
 
-    /// The quadric of a vertex from the faces around it.
-    fn quadric_of(&self, mesh: &CollapseMesh, vertex: u32, features: &Features) -> Quadric {
+    /// The quadric of a vertex from the faces around it, and how many they are.
+    fn quadric_of(&self, mesh: &CollapseMesh, vertex: u32, features: &Features) -> (Quadric, usize) {
         let p = mesh.point(vertex);
         let constraint = self.options.constraint.filter(|_| features.touches(vertex));
-        let mut sum = Quadric::default();
+        let (mut sum, mut faces) = (Quadric::default(), 0);
         for face in mesh.faces_around(vertex) {
+            faces += 1;
             let (to_x, to_y) = (mesh.point(face.x) - p, mesh.point(face.y) - p);
             let scaled_normal = to_x.cross(to_y);
             let length = scaled_normal.length();
@@ -190,7 +200,7 @@ impl QuadricMetric {
                 }
             }
         }
-        sum
+        (sum, faces)
     }
 
     /// The larger drift of two vertices.
@@ -257,8 +267,9 @@ fn volume_plane(mesh: &CollapseMesh, edge: &EdgeContext, origin: DVec3, rings: [
 
 impl Metric for QuadricMetric {
     fn prepare(&mut self, mesh: &CollapseMesh, features: &Features) {
-        let quadrics = (0..mesh.vertex_count() as u32).into_par_iter().map(|v| self.quadric_of(mesh, v, features));
+        let quadrics = (0..mesh.vertex_count() as u32).into_par_iter().map(|v| self.quadric_of(mesh, v, features).0);
         self.quadrics = quadrics.collect();
+        self.patience = PATIENCE * mesh.live_face_count();
         self.drift_sq = vec![0.0; if self.options.memoryless { self.quadrics.len() } else { 0 }];
     }
 
@@ -293,7 +304,11 @@ impl Metric for QuadricMetric {
             let step_sq = if q.weight > 0.0 { q.at(mesh.point(kept)).max(0.0) / q.weight } else { 0.0 };
             self.drift_sq[kept as usize] = (step_sq + self.drift_sq_of([kept, removed])) as f32;
             for &vertex in std::iter::once(&kept).chain(neighbors) {
-                self.quadrics[vertex as usize] = self.quadric_of(mesh, vertex, features);
+                if self.patience > 0 || mesh.faces_around(vertex).nth(LARGE).is_none() {
+                    let (quadric, faces) = self.quadric_of(mesh, vertex, features);
+                    self.quadrics[vertex as usize] = quadric;
+                    self.patience -= if faces > LARGE { faces.min(self.patience) } else { 0 };
+                }
             }
         } else {
             let other = self.quadrics[removed as usize];
