@@ -378,7 +378,7 @@ pub(crate) struct ManArgs {
 pub(crate) enum Preset {
     /// Summed quadrics with constraints, the best place
     Fast,
-    /// Memoryless quadrics with constraints, the best place that keeps the volume
+    /// Hybrid quadrics, the best place that keeps the volume
     Balanced,
     /// As balanced, always the cheapest edge first
     Best,

@@ -115,6 +115,18 @@ impl Metric for ShortestEdge {
     }
 }
 
+/// What quadrics know of the surface that was.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub enum QuadricMemory {
+    /// They are summed as vertices merge: all original planes count.
+    #[default]
+    Summed,
+    /// They are rebuilt from the faces as they are now.
+    Rebuilt,
+    /// Those that are rebuilt place the vertex; the cost is the sum of both.
+    Both,
+}
+
 /// Options of the quadric metrics.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct QuadricOptions {
@@ -124,20 +136,27 @@ pub struct QuadricOptions {
     pub placement: PlacementKind,
     /// Weight of constraint planes through feature edges, relative to the square of their length; `None`: no planes.
     pub constraint: Option<f64>,
-    /// Rebuild quadrics from the current faces instead of summing them.
-    pub memoryless: bool,
+    /// What the quadrics know of the past.
+    pub memory: QuadricMemory,
     /// Divide the cost by the sum of the weights.
     pub normalized: bool,
 }
 
 /// Plane quadrics: cumulative, memoryless or normalised, with or without constraint planes
 /// (Garland and Heckbert 1997, Lindstrom and Turk 1999; seed 000, 4.3.2 to 4.3.5; seed 002, 6.3).
+///
+/// [`QuadricMemory::Both`] is ours. Rebuilt quadrics place vertices better than summed ones, whose planes reach beyond
+/// the faces that they stand for; but thin ends (fingers, folds) vanish before their time, as every step that shortens
+/// them looks cheap. Costs that remember prevent that.
 #[derive(Debug)]
 pub struct QuadricMetric {
     options: QuadricOptions,
+    /// Of each vertex, what it is placed by.
     quadrics: Vec<Quadric>,
+    /// Of each vertex, the sum of all that it has merged with; empty unless both kinds are wanted.
+    summed: Vec<Quadric>,
     /// Squared distance from the original that the vertices have gone: what memoryless quadrics do not know. Steps add
-    /// up like independent errors. Empty for quadrics that are summed.
+    /// up like independent errors. Empty where sums are kept.
     drift_sq: Vec<f32>,
     /// How many more faces may be walked past to rebuild quadrics at vertices of very many.
     patience: usize,
@@ -168,7 +187,7 @@ const REACH: f64 = 2.0;
 impl QuadricMetric {
     /// A metric without quadrics yet: [`Metric::prepare`] makes them.
     pub fn new(options: QuadricOptions) -> Self {
-        Self { options, quadrics: Vec::new(), drift_sq: Vec::new(), patience: 0 }
+        Self { options, quadrics: Vec::new(), summed: Vec::new(), drift_sq: Vec::new(), patience: 0 }
     }
 
     /// The quadric of a vertex from the faces around it, and how many they are.
@@ -243,6 +262,12 @@ impl QuadricMetric {
     }
 }
 
+/// A sum of squares over its weight.
+#[inline]
+fn mean(squared: f64, weight: f64) -> f64 {
+    if weight > 0.0 { squared / weight } else { 0.0 }
+}
+
 /// Whether a placement is within [`REACH`] of an edge.
 fn is_near(p: DVec3, edge: &EdgeContext) -> bool {
     let [a, b] = edge.points;
@@ -270,18 +295,32 @@ impl Metric for QuadricMetric {
         let quadrics = (0..mesh.vertex_count() as u32).into_par_iter().map(|v| self.quadric_of(mesh, v, features).0);
         self.quadrics = quadrics.collect();
         self.patience = PATIENCE * mesh.live_face_count();
-        self.drift_sq = vec![0.0; if self.options.memoryless { self.quadrics.len() } else { 0 }];
+        match self.options.memory {
+            QuadricMemory::Summed => {}
+            QuadricMemory::Rebuilt => self.drift_sq = vec![0.0; self.quadrics.len()],
+            QuadricMemory::Both => self.summed = self.quadrics.clone(),
+        }
     }
 
     #[inline]
     fn evaluate(&self, edge: &EdgeContext) -> Option<Candidate> {
         let q = self.quadrics[edge.ends[0] as usize] + self.quadrics[edge.ends[1] as usize];
         let (position, squared) = self.place(&q, edge);
-        let squared = squared.max(0.0);
-        let mean_sq = if q.weight > 0.0 { squared / q.weight } else { 0.0 };
+        let mut squared = squared.max(0.0);
+        let mut error_sq = mean(squared, q.weight);
         let shortness = SHORTNESS * edge.points[0].distance_squared(edge.points[1]);
-        let cost = if self.options.normalized { mean_sq + shortness } else { squared + shortness * q.weight };
-        Some(Candidate { cost, error_sq: mean_sq + self.drift_sq_of(edge.ends), position })
+        match self.options.memory {
+            QuadricMemory::Summed => {}
+            QuadricMemory::Rebuilt => error_sq += self.drift_sq_of(edge.ends),
+            QuadricMemory::Both => {
+                let all = self.summed[edge.ends[0] as usize] + self.summed[edge.ends[1] as usize];
+                let remembered = all.at(position).max(0.0);
+                error_sq = error_sq.max(mean(remembered, all.weight));
+                squared += remembered;
+            }
+        }
+        let cost = if self.options.normalized { error_sq + shortness } else { squared + shortness * q.weight };
+        Some(Candidate { cost, error_sq, position })
     }
 
     fn refine(&self, mesh: &CollapseMesh, edge: &EdgeContext, candidate: &Candidate, rings: [&[RingFace]; 2]) -> DVec3 {
@@ -299,33 +338,38 @@ impl Metric for QuadricMetric {
     }
 
     fn commit(&mut self, mesh: &CollapseMesh, kept: u32, removed: u32, neighbors: &[u32], features: &Features) {
-        if self.options.memoryless {
-            let q = self.quadrics[kept as usize] + self.quadrics[removed as usize];
-            let step_sq = if q.weight > 0.0 { q.at(mesh.point(kept)).max(0.0) / q.weight } else { 0.0 };
-            self.drift_sq[kept as usize] = (step_sq + self.drift_sq_of([kept, removed])) as f32;
-            for &vertex in std::iter::once(&kept).chain(neighbors) {
-                if self.patience > 0 || mesh.faces_around(vertex).nth(LARGE).is_none() {
-                    let (quadric, faces) = self.quadric_of(mesh, vertex, features);
-                    self.quadrics[vertex as usize] = quadric;
-                    self.patience -= if faces > LARGE { faces.min(self.patience) } else { 0 };
-                }
+        let ends = [kept, removed];
+        let sum_of = |quadrics: &[Quadric]| quadrics[kept as usize] + quadrics[removed as usize];
+        match self.options.memory {
+            QuadricMemory::Summed => return self.quadrics[kept as usize] = sum_of(&self.quadrics),
+            QuadricMemory::Rebuilt => {
+                let q = sum_of(&self.quadrics);
+                let step_sq = mean(q.at(mesh.point(kept)).max(0.0), q.weight);
+                self.drift_sq[kept as usize] = (step_sq + self.drift_sq_of(ends)) as f32;
             }
-        } else {
-            let other = self.quadrics[removed as usize];
-            self.quadrics[kept as usize] += other;
+            QuadricMemory::Both => self.summed[kept as usize] = sum_of(&self.summed),
+        }
+        for &vertex in std::iter::once(&kept).chain(neighbors) {
+            if self.patience > 0 || mesh.faces_around(vertex).nth(LARGE).is_none() {
+                let (quadric, faces) = self.quadric_of(mesh, vertex, features);
+                self.quadrics[vertex as usize] = quadric;
+                self.patience -= if faces > LARGE { faces.min(self.patience) } else { 0 };
+            }
         }
     }
 
     #[inline]
     fn prefetch(&self, vertex: u32) {
         prefetch(&self.quadrics, vertex as usize);
+        prefetch(&self.summed, vertex as usize);
     }
 
     fn update(&self) -> Update {
-        match (self.options.memoryless, self.options.placement, self.options.normalized) {
-            (true, ..) => Update::AtVertexThenRing,
-            (false, PlacementKind::Optimal | PlacementKind::OptimalVolume, false) => Update::WhenDue,
-            (false, ..) => Update::AtVertex,
+        let is_summed = self.options.memory == QuadricMemory::Summed;
+        match (is_summed, self.options.placement, self.options.normalized) {
+            (false, ..) => Update::AtVertexThenRing,
+            (true, PlacementKind::Optimal | PlacementKind::OptimalVolume, false) => Update::WhenDue,
+            (true, ..) => Update::AtVertex,
         }
     }
 }

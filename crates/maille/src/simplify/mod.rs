@@ -29,7 +29,9 @@ mod tests;
 pub use driver::{Observer, Outcome, Request, collapse_edges};
 pub use features::{Barred, Features};
 pub use legality::{Collapse, Limits, triangle_quality};
-pub use metric::{Anchor, Candidate, EdgeContext, Metric, QuadricMetric, QuadricOptions, ShortestEdge, Update};
+pub use metric::{
+    Anchor, Candidate, EdgeContext, Metric, QuadricMemory, QuadricMetric, QuadricOptions, ShortestEdge, Update,
+};
 pub use options::{
     EdgePolicy, MetricKind, NormalPolicy, Order, PlacementKind, QuadricWeight, Refusals, SimplifyError,
     SimplifyOptions, SimplifyReport, Stop, Target, TopologyPolicy,
@@ -139,19 +141,20 @@ fn sorted(mesh: &Mesh, options: &SimplifyOptions) -> (Mesh, SimplifyOptions) {
 
 /// The options of the quadric metrics, `None` for the metric that has no quadrics.
 fn quadric_options(options: &SimplifyOptions) -> Option<QuadricOptions> {
-    let (constrained, memoryless, normalized) = match options.metric {
+    let (constrained, memory, normalized) = match options.metric {
         MetricKind::ShortestEdge => return None,
-        MetricKind::Quadric => (false, false, false),
-        MetricKind::ConstrainedQuadric => (true, false, false),
-        MetricKind::MemorylessQuadric => (false, true, false),
-        MetricKind::ConstrainedMemorylessQuadric => (true, true, false),
-        MetricKind::NormalizedQuadric => (true, false, true),
+        MetricKind::Quadric => (false, QuadricMemory::Summed, false),
+        MetricKind::ConstrainedQuadric => (true, QuadricMemory::Summed, false),
+        MetricKind::MemorylessQuadric => (false, QuadricMemory::Rebuilt, false),
+        MetricKind::ConstrainedMemorylessQuadric => (true, QuadricMemory::Rebuilt, false),
+        MetricKind::HybridQuadric => (true, QuadricMemory::Both, false),
+        MetricKind::NormalizedQuadric => (true, QuadricMemory::Summed, true),
     };
     Some(QuadricOptions {
         weight: options.quadric_weight,
         placement: options.placement,
         constraint: constrained.then_some(options.constraint_weight),
-        memoryless,
+        memory,
         normalized,
     })
 }

@@ -191,8 +191,12 @@ fn a_flat_sheet_with_a_locked_border_loses_its_inside_for_nothing() {
 #[test]
 fn constraint_planes_keep_the_outline_of_a_flat_sheet() {
     let mesh = shapes::grid(12);
-    let constrained =
-        [MetricKind::ConstrainedQuadric, MetricKind::ConstrainedMemorylessQuadric, MetricKind::NormalizedQuadric];
+    let constrained = [
+        MetricKind::ConstrainedQuadric,
+        MetricKind::ConstrainedMemorylessQuadric,
+        MetricKind::HybridQuadric,
+        MetricKind::NormalizedQuadric,
+    ];
     for (metric, placement, way) in every_way() {
         if !constrained.contains(&metric) || placement == PlacementKind::Midpoint {
             continue;

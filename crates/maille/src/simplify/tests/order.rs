@@ -99,7 +99,7 @@ fn quadric_costs_come_in_order() {
                 weight: QuadricWeight::Area,
                 placement,
                 constraint: Some(1.0),
-                memoryless: false,
+                memory: QuadricMemory::Summed,
                 normalized,
             };
             assert_same_order(|| QuadricMetric::new(options), name);
