@@ -374,7 +374,9 @@ impl CollapseMesh {
     #[inline]
     pub fn ring(&self, vertex: u32, ring: &mut Vec<RingFace>) {
         ring.clear();
-        ring.extend(self.faces_around(vertex));
+        for face in self.faces_around(vertex) {
+            ring.push(face);
+        }
     }
 
     /// Edges without faces at a vertex.

@@ -27,7 +27,7 @@ impl<'a> EdgeStar<'a> {
         kept_ring: &'a [RingFace],
         removed_ring: &'a [RingFace],
     ) -> EdgeStar<'a> {
-        let is_regular = is_regular([kept, removed], kept_ring, removed_ring);
+        let is_regular = is_regular(removed, kept_ring, removed_ring);
         EdgeStar { edge, kept, removed, kept_ring, removed_ring, is_regular }
     }
 
@@ -52,7 +52,7 @@ impl<'a> EdgeStar<'a> {
 /// Faces around an end up to which [`EdgeStar::is_regular`] looks.
 const MOST: usize = 24;
 
-fn is_regular([kept, removed]: [u32; 2], kept_ring: &[RingFace], removed_ring: &[RingFace]) -> bool {
+fn is_regular(removed: u32, kept_ring: &[RingFace], removed_ring: &[RingFace]) -> bool {
     let (Some(around_kept), Some(around_removed)) = (Around::closed(kept_ring), Around::closed(removed_ring)) else {
         return false;
     };
@@ -67,11 +67,8 @@ fn is_regular([kept, removed]: [u32; 2], kept_ring: &[RingFace], removed_ring: &
     }
     let is_apex = |v: u32| (v == apexes[0]) | (v == apexes[1]);
     let joins_apexes = kept_ring.iter().fold(false, |any, face| any | (is_apex(face.x) & is_apex(face.y)));
-    let shared = |v: u32| (around_kept.count(v) != 0) & !is_apex(v) & (v != kept);
-    dying == 2
-        && apexes[0] != apexes[1]
-        && !joins_apexes
-        && !around_removed.vertices().iter().fold(false, |any, &v| any | shared(v))
+    // the apexes are neighbours of both
+    dying == 2 && apexes[0] != apexes[1] && !joins_apexes && around_kept.count(&around_removed) == 2
 }
 
 /// The neighbours of a vertex, each once.
@@ -95,19 +92,21 @@ impl Around {
             // zero in the end where every neighbour comes as often after a face's vertex as before it
             open = open.wrapping_add(mixed(face.x)).wrapping_sub(mixed(face.y));
         }
-        let found: u32 = around.vertices().iter().map(|&v| around.count(v)).sum();
-        (open == 0 && found as usize == ring.len()).then_some(around)
+        (open == 0 && around.count(&around) == ring.len() as u32).then_some(around)
     }
 
-    fn vertices(&self) -> &[u32] {
-        &self.vertices[..self.len]
-    }
-
-    /// How often a vertex is among them. Compared eight at a time without a branch between them.
+    /// How many pairs of equal vertices there are in two lists. Compared eight at a time without branches.
     #[inline]
-    fn count(&self, vertex: u32) -> u32 {
-        let eights = self.vertices.as_chunks::<8>().0.iter().take(self.len.div_ceil(8));
-        eights.map(|eight| eight.iter().map(|&v| u32::from(v == vertex)).sum::<u32>()).sum()
+    fn count(&self, other: &Self) -> u32 {
+        let mut equal = [0; 8];
+        for &v in &other.vertices[..other.len] {
+            for eight in self.vertices.as_chunks::<8>().0.iter().take(self.len.div_ceil(8)) {
+                for (equal, &w) in equal.iter_mut().zip(eight) {
+                    *equal += u32::from(v == w);
+                }
+            }
+        }
+        equal.iter().sum()
     }
 }
 
