@@ -149,14 +149,17 @@ pub(crate) struct SimplifyArgs {
     pub(crate) output: PathBuf,
 
     /// Stop at this many triangles, over all distinct meshes.
-    #[arg(long, value_name = "N", group = "target", conflicts_with = "ratio", help_heading = "Target")]
+    #[arg(long, value_name = "N", group = "target", conflicts_with = "ratio", value_parser = parse_count,
+        allow_hyphen_values = true, help_heading = "Target")]
     pub(crate) triangles: Option<usize>,
     /// Stop at this share of the triangles: 0.1 or 10%.
-    #[arg(long, value_name = "R", group = "target", value_parser = parse_ratio, help_heading = "Target")]
+    #[arg(long, value_name = "R", group = "target", value_parser = parse_ratio, allow_hyphen_values = true,
+        help_heading = "Target")]
     pub(crate) ratio: Option<f64>,
     /// Stop before the error would exceed this distance: in model units, or as a share of the diagonal of the
     /// bounding box (0.1%). The error is the metric's estimate; `maille compare` measures.
-    #[arg(long, value_name = "E", group = "target", value_parser = parse_distance, help_heading = "Target")]
+    #[arg(long, value_name = "E", group = "target", value_parser = parse_distance,
+        allow_hyphen_values = true, help_heading = "Target")]
     pub(crate) max_error: Option<Distance>,
 
     /// A bundle of metric and placement; the options below override its parts.
@@ -168,8 +171,8 @@ pub(crate) struct SimplifyArgs {
     /// Where the merged vertex goes.
     #[arg(long, value_name = "NAME", value_parser = named(&PLACEMENTS), help_heading = "Method")]
     pub(crate) placement: Option<String>,
-    /// In which order edges collapse. exact: the cheapest first; spatial: costs within an eighth count as equal, and near
-    /// edges follow each other, which takes a third less time on large meshes. Default: spatial.
+    /// In which order edges collapse. exact: the cheapest first; spatial: while many are left, costs within a factor of
+    /// 1.5 count as equal, and near edges follow each other, which takes less time on large meshes. Default: spatial.
     #[arg(long, value_name = "ORDER", value_parser = ORDERS, help_heading = "Method")]
     pub(crate) order: Option<String>,
     /// How the triangles' planes are weighted in quadric metrics.
@@ -179,10 +182,10 @@ pub(crate) struct SimplifyArgs {
     /// What happens to open borders; default: preserve.
     #[arg(long, value_enum, value_name = "POLICY", help_heading = "Constraints")]
     pub(crate) boundary: Option<Border>,
-    /// What happens to edges where an attribute (normal, texture coordinate, colour) jumps; default: preserve.
+    /// What happens to edges where an attribute (normal, texture coordinate, colour) jumps; default: hold.
     #[arg(long, value_enum, value_name = "POLICY", help_heading = "Constraints")]
     pub(crate) seams: Option<Border>,
-    /// What happens to edges between two materials; default: preserve.
+    /// What happens to edges between two materials; default: hold.
     #[arg(long, value_enum, value_name = "POLICY", help_heading = "Constraints")]
     pub(crate) material_borders: Option<Border>,
     /// How strongly preserved edges are held: 1 counts as much as a square of the edge's length.
@@ -230,9 +233,7 @@ Examples:
   maille simplify terrain.obj -o out.obj --max-error 0.1% --boundary lock
   maille simplify painted.ply -o out.ply --ratio 0.05 --importance COLOR_0
 
-Attributes are named as `maille info` lists them, or as glTF does (COLOR_0, _IMPORTANCE).
-
-In this release the presets choose among the metrics and placements listed above; the next one refines them.";
+Attributes are named as `maille info` lists them, or as glTF does (COLOR_0, _IMPORTANCE).";
 
 /// Measures how far two surfaces are apart.
 ///
@@ -400,6 +401,8 @@ pub(crate) enum Weights {
 pub(crate) enum Border {
     /// Nothing special
     Free,
+    /// Planes make it costly to leave them, nothing is forbidden
+    Hold,
     /// Collapse along themselves only
     Preserve,
     /// Their vertices stay
@@ -446,6 +449,7 @@ impl From<Border> for EdgePolicy {
     fn from(border: Border) -> Self {
         match border {
             Border::Free => Self::Free,
+            Border::Hold => Self::Hold,
             Border::Preserve => Self::Preserve,
             Border::Lock => Self::Lock,
         }
@@ -492,12 +496,20 @@ fn parse_unit(text: &str) -> Result<f64, String> {
     parse_number(text).and_then(|x| if (0.0..=1.0).contains(&x) { Ok(x) } else { Err("it must be 0 to 1".into()) })
 }
 
+fn parse_count(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(0) | Err(_) => Err("it must be a whole number from 1 on".into()),
+        Ok(count) => Ok(count),
+    }
+}
+
 fn parse_ratio(text: &str) -> Result<f64, String> {
     let ratio = match text.strip_suffix('%') {
         Some(percent) => parse_number(percent)? / 100.0,
         None => parse_number(text)?,
     };
-    if (0.0..=1.0).contains(&ratio) { Ok(ratio) } else { Err("it must be 0 to 1, or 0% to 100%".into()) }
+    let is_share = ratio > 0.0 && ratio <= 1.0;
+    if is_share { Ok(ratio) } else { Err("it must be above 0 and at most 1, or above 0% and at most 100%".into()) }
 }
 
 fn parse_distance(text: &str) -> Result<Distance, String> {
@@ -576,7 +588,7 @@ mod tests {
     fn ratios_take_shares_and_percent() {
         assert_eq!(parse_ratio("0.1"), Ok(0.1));
         assert_eq!(parse_ratio("10%"), Ok(0.1));
-        assert!(parse_ratio("1.5").is_err() && parse_ratio("x").is_err());
+        assert!(parse_ratio("1.5").is_err() && parse_ratio("0").is_err() && parse_ratio("x").is_err());
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::sync::Mutex;
 
-use glam::{DMat3, DMat4};
+use glam::{DVec3, Vec3};
 use maille::simplify::{Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, simplify};
 use maille::{Attribute, Control, Mesh, Semantic};
 use rayon::prelude::*;
@@ -157,23 +157,26 @@ fn require_attribute(asset: &Asset, name: &str) -> Result<(), ProcessError> {
     Err(ProcessError::NoAttribute { name: name.to_owned(), known })
 }
 
-/// How much each mesh is enlarged at most where it is drawn; 1 for a mesh that is not drawn.
+/// How much each mesh is enlarged at most where it is drawn, posed at rest, as the root of how much its area is; 1 for a
+/// mesh that is not drawn or has no area.
 fn world_scales(asset: &Asset) -> Vec<f64> {
     let mut scales = vec![0.0_f64; asset.meshes.len()];
     for instance in &asset.instances {
-        let matrices = instance.joint_matrices.as_deref().filter(|joints| !joints.is_empty());
-        let own = std::slice::from_ref(&instance.transform);
-        let scale = matrices.unwrap_or(own).iter().map(largest_stretch).fold(0.0, f64::max);
+        let mesh = &asset.meshes[instance.mesh].mesh;
+        let own = area(mesh, |w| Vec3::from(mesh.positions[mesh.wedge_vertices[w as usize] as usize]).as_dvec3());
+        let scale = (area(mesh, |w| instance.posed_wedge(mesh, w as usize)) / own).sqrt();
         scales[instance.mesh] = scales[instance.mesh].max(scale);
     }
     scales.iter().map(|&scale| if scale > 0.0 && scale.is_finite() { scale } else { 1.0 }).collect()
 }
 
-/// The largest factor by which a matrix stretches a vector, at most: the Frobenius norm of its linear part over the
-/// square root of 3 is exact for uniform scales; else the longest image of an axis is taken.
-fn largest_stretch(matrix: &DMat4) -> f64 {
-    let linear = DMat3::from_mat4(*matrix);
-    linear.x_axis.length().max(linear.y_axis.length()).max(linear.z_axis.length())
+/// The area of a mesh whose wedges are somewhere.
+fn area(mesh: &Mesh, place: impl Fn(u32) -> DVec3) -> f64 {
+    let twice = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(&place);
+        (b - a).cross(c - a).length()
+    };
+    mesh.triangles.iter().map(twice).filter(|area| area.is_finite()).sum::<f64>() / 2.0
 }
 
 /// Shares `total` out over groups in proportion to their sizes (largest remainders), leaving each at least

@@ -36,7 +36,7 @@ pub(crate) fn run(args: &SimplifyArgs) -> Result<(), Failure> {
 /// What the options mean for this asset.
 fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
     let mut simplify = preset(args.preset);
-    let by_ratio = |ratio: f64| (ratio * asset.triangle_count() as f64).round() as usize;
+    let by_ratio = |ratio: f64| (ratio * asset.triangle_count() as f64).round().max(1.0) as usize;
     simplify.target.triangles = args.triangles.or(args.ratio.map(by_ratio));
     simplify.target.max_error = args.max_error.map(|error| error.in_units(diagonal));
     if let Some(metric) = args.metric.as_deref().and_then(|name| by_name(&MetricKind::NAMES, name)) {
@@ -154,6 +154,11 @@ impl Done {
         if !refused.is_empty() {
             listing.line("refused", refused.join(", "));
         }
+        if report.stopped == Stop::NoLegalCollapse
+            && let Some(remedy) = remedy(&report.refused)
+        {
+            listing.line("remedy", remedy);
+        }
         listing.line("wrote", output::written(&args.output));
         listing.line("measure", format!("maille compare {} {}", args.input.display(), args.output.display()));
         listing.text()
@@ -170,6 +175,19 @@ fn refusals(refused: &Refusals) -> [(String, Value); 6] {
         ("quality", refused.quality),
     ]
     .map(|(name, n)| (name.to_owned(), n.into()))
+}
+
+/// The option that relaxes what refused the most.
+fn remedy(refused: &Refusals) -> Option<&'static str> {
+    let relaxing = [
+        (refused.topology, "--topology free, or --preset aggressive"),
+        (refused.fold_over, "a larger --max-normal-turn, or --preset aggressive"),
+        (refused.border, "--boundary, --seams or --material-borders with hold or free"),
+        (refused.locked, "fewer locks"),
+        (refused.valence, "a wider --valence"),
+        (refused.quality, "a lower --min-quality"),
+    ];
+    relaxing.into_iter().filter(|(count, _)| *count > 0).max_by_key(|(count, _)| *count).map(|(_, option)| option)
 }
 
 fn stop_name(stop: Stop) -> &'static str {

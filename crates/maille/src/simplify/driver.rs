@@ -47,7 +47,7 @@ pub struct Outcome {
 /// What the loop is asked for.
 #[derive(Debug, Clone, Copy)]
 pub struct Request<'a> {
-    /// Stop at this many faces or fewer.
+    /// Stop at this many faces or fewer. Unless it is zero, the last faces stay.
     pub target_faces: usize,
     /// In which order edges collapse.
     pub order: Order,
@@ -85,6 +85,7 @@ pub fn collapse_edges<M: Metric, O: Observer>(
         features,
         observer,
         limits: request.limits,
+        target_faces: request.target_faces,
         kept_ring: Vec::new(),
         removed_ring: Vec::new(),
         effect: CollapseEffect::default(),
@@ -144,6 +145,7 @@ struct Loop<'a, M, O> {
     features: &'a mut Features,
     observer: &'a mut O,
     limits: Limits,
+    target_faces: usize,
     importance: Vec<f32>,
     order: Order,
     marks: Marks,
@@ -315,6 +317,11 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         let star = EdgeStar::new(edge, [kept, removed], &self.kept_ring, &self.removed_ring);
         let collapse = Collapse { star, position, t, error };
         if test && !self.limits.allow(self.mesh, &collapse, &mut self.marks, &mut self.outcome.refused) {
+            return false;
+        }
+        let vanishes = || star.kept_ring.iter().filter(|face| star.kills(face)).count() == self.mesh.live_face_count();
+        if self.target_faces > 0 && self.mesh.live_face_count() <= star.kept_ring.len() && vanishes() {
+            self.outcome.refused.topology += 1;
             return false;
         }
         if strands_locked(self.mesh, self.features, &collapse) {

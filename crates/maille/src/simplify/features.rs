@@ -22,6 +22,8 @@ const PAIR: u8 = 8;
 enum Kind {
     /// No feature touches it.
     Regular,
+    /// Only features touch it that are held by constraint planes alone.
+    Held,
     /// Inside a curve of open border.
     OnBorder,
     /// Inside a curve of seams or material borders.
@@ -99,7 +101,7 @@ impl Features {
             return Ok(Anchor::Free);
         }
         let (ka, kb) = (self.vertices[a as usize], self.vertices[b as usize]);
-        if ka == Kind::Regular && kb == Kind::Regular {
+        if ka <= Kind::Held && kb <= Kind::Held {
             return Ok(Anchor::Free);
         }
         let along = self.is_feature(edge);
@@ -110,8 +112,8 @@ impl Features {
             // joining crosses borders: that is what it is for
             _ if self.is_pair(edge) => Ok(if ka == kb && ka < Kind::Corner { Anchor::Free } else { higher }),
             (Kind::Corner, _) => Err(Barred::Feature),
-            (Kind::Regular, Kind::OnBorder) if self.planes_hold_borders => Ok(Anchor::Free),
-            (Kind::Regular, _) => Ok(higher),
+            (Kind::Regular | Kind::Held, Kind::OnBorder) if self.planes_hold_borders => Ok(Anchor::Free),
+            (Kind::Regular | Kind::Held, _) => Ok(higher),
             _ if !along => Err(Barred::Feature),
             (_, Kind::Corner | Kind::Locked) => Ok(higher),
             _ if ka == kb => Ok(Anchor::Free),
@@ -206,13 +208,17 @@ fn vertex_kinds(faces: &CollapseMesh, flags: &[u8], options: &SimplifyOptions) -
         border: u8,
         seam: u8,
         lock: bool,
+        held: bool,
     }
     let mut counts = vec![Counts::default(); faces.vertex_count()];
     let locks = [(options.boundary, BORDER), (options.seams, SEAM), (options.material_borders, MATERIAL)];
-    let locking = locks.iter().filter(|(policy, _)| *policy == EdgePolicy::Lock).fold(0, |all, (_, flag)| all | flag);
+    let with = |wanted| locks.iter().filter(|(policy, _)| *policy == wanted).fold(0, |all, (_, flag)| all | flag);
+    let (locking, holding) = (with(EdgePolicy::Lock), with(EdgePolicy::Hold));
     for (edge, &flags) in flags.iter().enumerate().filter(|&(_, &flags)| flags != 0) {
         for v in faces.ends(edge as u32) {
             let at = &mut counts[v as usize];
+            at.held |= flags & holding != 0;
+            let flags = flags & !holding;
             at.border = at.border.saturating_add(u8::from(flags & BORDER != 0));
             at.seam = at.seam.saturating_add(u8::from(flags & (SEAM | MATERIAL) != 0));
             at.lock |= flags & locking != 0;
@@ -220,6 +226,7 @@ fn vertex_kinds(faces: &CollapseMesh, flags: &[u8], options: &SimplifyOptions) -
     }
     let kind = |(v, at): (usize, &Counts)| match (at.border, at.seam) {
         _ if at.lock || options.locked.get(v).copied().unwrap_or(false) => Kind::Locked,
+        (0, 0) if at.held => Kind::Held,
         (0, 0) => Kind::Regular,
         (2, 0) => Kind::OnBorder,
         (0, 2) => Kind::OnSeam,

@@ -89,7 +89,7 @@ pub fn simplify(
     let unit = faces.frame().unit();
     let request = Request {
         order: options.order,
-        target_faces: options.target.triangles.unwrap_or(0),
+        target_faces: options.target.triangles.unwrap_or(1),
         limits: Limits {
             topology: options.topology,
             min_normal_cos: options.max_normal_turn.map(f64::cos),

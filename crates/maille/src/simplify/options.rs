@@ -5,7 +5,7 @@ use crate::control::Cancelled;
 /// When to stop. Several may be given; the first one reached stops the work.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Target {
-    /// Stop at this many triangles or fewer.
+    /// Stop at this many triangles or fewer. Unless it is zero, at least one triangle stays.
     pub triangles: Option<usize>,
     /// Stop before the error would exceed this distance, in model units.
     pub max_error: Option<f64>,
@@ -107,6 +107,9 @@ impl PlacementKind {
 pub enum EdgePolicy {
     /// Nothing special.
     Free,
+    /// Nothing is forbidden, but planes through them make it costly to leave them
+    /// ([`constraint_weight`](SimplifyOptions::constraint_weight), with the constrained and the hybrid metrics).
+    Hold,
     /// They may collapse along themselves; nothing is pulled off or across them.
     #[default]
     Preserve,
@@ -196,8 +199,8 @@ impl Default for SimplifyOptions {
             placement: PlacementKind::default(),
             order: Order::default(),
             boundary: EdgePolicy::default(),
-            seams: EdgePolicy::default(),
-            material_borders: EdgePolicy::default(),
+            seams: EdgePolicy::Hold,
+            material_borders: EdgePolicy::Hold,
             constraint_weight: 1.0,
             topology: TopologyPolicy::default(),
             max_normal_turn: Some(75.0_f64.to_radians()),

@@ -75,6 +75,28 @@ fn seams_lock_preserve_and_close() {
 }
 
 #[test]
+fn held_seams_stay_straight_and_do_not_block() {
+    let mesh = cylinder(24, 16);
+    let (held, report) = reduced(&mesh, &to(60));
+    assert_eq!(report.stopped, Stop::Triangles);
+    // where two wedges meet at a vertex, that vertex is on the seam still
+    let mut wedges = vec![0; held.vertex_count()];
+    held.wedge_vertices.iter().for_each(|&v| wedges[v as usize] += 1);
+    let on_seam = |v: &usize| wedges[*v] > 1;
+    assert!((0..held.vertex_count()).filter(on_seam).count() >= 2);
+    assert!((0..held.vertex_count()).filter(on_seam).all(|v| held.positions[v][1].abs() < 0.05));
+    // a chart for every triangle: with nothing but seams, only a policy that may cross them reaches the target
+    let mut patchwork = shapes::sphere(3);
+    patchwork.wedge_vertices = (0..patchwork.triangle_count()).flat_map(|t| patchwork.triangle_vertices(t)).collect();
+    patchwork.triangles = (0..patchwork.triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+    let uv = (0..patchwork.wedge_vertices.len() as u32 * 2).map(noise).collect();
+    patchwork.wedge_attributes.push(Attribute::new_f32(Semantic::TexCoord(0), 2, uv));
+    assert_eq!(reduced(&patchwork, &to(100)).1.stopped, Stop::Triangles);
+    let preserved = SimplifyOptions { seams: EdgePolicy::Preserve, ..to(100) };
+    assert_eq!(reduced(&patchwork, &preserved).1.stopped, Stop::NoLegalCollapse);
+}
+
+#[test]
 fn materials_keep_their_areas() {
     let mut mesh = shapes::grid(16);
     let side = |mesh: &Mesh, t| u32::from(mesh.triangle_points(t).iter().map(|p| p.x).sum::<f64>() > 1.5);
