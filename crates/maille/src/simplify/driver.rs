@@ -84,7 +84,7 @@ pub fn collapse_edges<M: Metric, O: Observer>(
         metric,
         features,
         observer,
-        limits: Limits { topology: first_policy(request.limits.topology), ..request.limits },
+        limits: request.limits,
         target_faces: request.target_faces,
         kept_ring: Vec::new(),
         removed_ring: Vec::new(),
@@ -111,10 +111,10 @@ pub fn collapse_edges<M: Metric, O: Observer>(
         // what was refused may have become legal through collapses nearby: once more, as long as that is worth it
         let progress = run.outcome.collapses - collapses_at_fill;
         if progress * 50 < run.mesh.live_face_count() as u64 || progress == 0 {
-            if run.limits.topology == request.limits.topology || request.limits.max_error_sq.is_some() {
+            if run.limits.parts_may_go || request.limits.max_error_sq.is_some() {
                 break;
             }
-            run.limits.topology = request.limits.topology;
+            run.limits.parts_may_go = true;
         }
         collapses_at_fill = run.outcome.collapses;
         queue = run.fill_queue();
@@ -126,12 +126,6 @@ pub fn collapse_edges<M: Metric, O: Observer>(
         if run.over_error { Stop::MaxError } else { Stop::NoLegalCollapse }
     };
     Ok(run.outcome)
-}
-
-/// What may happen to the topology as long as there are other collapses: a small part that vanishes looks cheap to a
-/// metric of planes, and is as far from the rest as it was away.
-fn first_policy(policy: TopologyPolicy) -> TopologyPolicy {
-    if policy == TopologyPolicy::Manifold { TopologyPolicy::Preserve } else { policy }
 }
 
 /// How much a cost may rise before an edge goes back into the queue: what `f32` rounds away, and a little more.
@@ -353,7 +347,7 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
     /// Takes away two faces back to back, which is what the collapse just made has left of a tetrahedron.
     fn drop_leftover(&mut self, queue: &mut Queue) {
         let &[edge, _] = self.effect.edges.as_slice() else { return };
-        if self.limits.topology == TopologyPolicy::Preserve {
+        if self.limits.topology == TopologyPolicy::Preserve || !self.limits.parts_may_go {
             return; // two faces back to back that were there before
         }
         let mut ends = self.mesh.ends(edge);

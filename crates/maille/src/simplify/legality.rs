@@ -11,6 +11,8 @@ use crate::topology::collapse_mesh::{CollapseMesh, Marks, RingFace};
 pub struct Limits {
     /// What may happen to the topology.
     pub topology: TopologyPolicy,
+    /// Whether [`TopologyPolicy::Manifold`] lets parts vanish already, not only holes close.
+    pub parts_may_go: bool,
     /// Least cosine of the angle by which a face's normal may turn.
     pub min_normal_cos: Option<f64>,
     /// Least and largest valence of the merged vertex, and least of its neighbours'.
@@ -45,7 +47,7 @@ impl Limits {
     ) -> bool {
         let counter = if self.min_normal_cos.is_some_and(|cos| folds_over(mesh, collapse, cos)) {
             &mut refused.fold_over
-        } else if !keeps_topology(&collapse.star, self.topology, marks) {
+        } else if !keeps_topology(&collapse.star, self.topology, self.parts_may_go, marks) {
             &mut refused.topology
         } else if self.valence.is_some_and(|range| leaves_valence(mesh, collapse, marks, range)) {
             &mut refused.valence
@@ -62,7 +64,7 @@ impl Limits {
 /// The link condition (Dey et al. 1999; seed 001, 2.3.3): the links of the two ends meet in the link of the edge and
 /// nowhere else. Borders are closed by an imaginary vertex, as in the seed. [`TopologyPolicy::Manifold`] makes the two
 /// exceptions that it names.
-fn keeps_topology(star: &EdgeStar<'_>, policy: TopologyPolicy, marks: &mut Marks) -> bool {
+fn keeps_topology(star: &EdgeStar<'_>, policy: TopologyPolicy, parts_may_go: bool, marks: &mut Marks) -> bool {
     /// Bits of a mark: in the link of the kept vertex, opposite to the edge, in a face that stays.
     const KEPT: u32 = 1;
     const APEX: u32 = 2;
@@ -80,7 +82,7 @@ fn keeps_topology(star: &EdgeStar<'_>, policy: TopologyPolicy, marks: &mut Marks
         return false; // an edge of many faces
     }
     if dying == star.kept_ring.len() && dying == star.removed_ring.len() {
-        return lenient; // the last faces of a component, or a flap that hangs by a vertex
+        return lenient && parts_may_go; // the last faces of a component, or a flap that hangs by a vertex
     }
     for face in star.kept_ring {
         let role = if star.kills(face) { APEX } else { STAYS };
@@ -117,7 +119,7 @@ fn keeps_topology(star: &EdgeStar<'_>, policy: TopologyPolicy, marks: &mut Marks
     let joins_apexes = |face: &RingFace| !star.kills(face) && apexes(face.x) && apexes(face.y);
     if star.kept_ring.iter().any(joins_apexes) && star.removed_ring.iter().any(joins_apexes) {
         // a tetrahedron may go as a whole: the driver takes away what is left of it
-        return lenient && star.kept_ring.len() == 3 && star.removed_ring.len() == 3 && dying == 2;
+        return lenient && parts_may_go && star.kept_ring.len() == 3 && star.removed_ring.len() == 3 && dying == 2;
     }
     // two border vertices may only merge along the border: else it is pinched
     dying == 1 || !(is_on_border(star.kept_ring) && is_on_border(star.removed_ring))

@@ -92,6 +92,8 @@ pub fn simplify(
         target_faces: options.target.triangles.unwrap_or(1),
         limits: Limits {
             topology: options.topology,
+            // a small part that vanishes looks cheap to planes, and is as far from the rest as it was away: last of all
+            parts_may_go: options.topology != TopologyPolicy::Manifold,
             min_normal_cos: options.max_normal_turn.map(f64::cos),
             valence: options.valence,
             min_quality: options.min_quality,

@@ -123,10 +123,9 @@ pub enum TopologyPolicy {
     /// Nothing: the link condition holds for every collapse (Dey et al. 1999, seed 001, 2.3.3), so that components,
     /// boundary loops and handles stay as they are.
     Preserve,
-    /// What is manifold stays so. When there is nothing else left to collapse and the number of triangles is not reached,
-    /// holes of three edges may close, and the last triangles of a component may go: holes and specks do not keep a
-    /// coarse level from its triangles. Where a largest error is asked for, this is [`Preserve`](Self::Preserve): the
-    /// metrics do not see how far a part that vanishes is from the rest.
+    /// What is manifold stays so, but a hole of three edges may close; and when there is nothing else left to collapse, the
+    /// last triangles of a component may go, unless a largest error is asked for: the metrics do not see how far what
+    /// vanishes is from the rest. So holes and specks do not keep a coarse level from its triangles.
     #[default]
     Manifold,
     /// Anything: handles may close and parts touch, with non-manifold edges and vertices where they do.

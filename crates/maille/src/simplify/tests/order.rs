@@ -58,6 +58,7 @@ fn by_search<M: Metric>(mesh: &Mesh, mut metric: M, target: usize) -> Recorder {
 
 const NO_LIMITS: Limits = Limits {
     topology: TopologyPolicy::Free,
+    parts_may_go: true,
     min_normal_cos: None,
     valence: None,
     min_quality: None,
