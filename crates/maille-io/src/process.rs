@@ -2,20 +2,21 @@
 
 use std::sync::Mutex;
 
-use glam::{DVec3, Vec3};
+use glam::{DMat3, DMat4};
+use maille::measure::area;
 use maille::simplify::{Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, simplify};
 use maille::{Attribute, Control, Mesh, Semantic};
 use rayon::prelude::*;
 
-use crate::Asset;
+use crate::{Asset, Instance};
 
 /// Fewest triangles that sharing out a total leaves to a mesh, so that none disappears: a tetrahedron.
 const FEWEST: usize = 4;
 /// How often what a mesh could not give is asked of the others.
 const ROUNDS: usize = 4;
-/// Part of its first share that a mesh keeps whatever the others could not give: better too many triangles than a head
+/// A mesh keeps its first share over this, whatever the others could not give: better too many triangles than a head
 /// ruined because a sword is stubborn.
-const KEPT_SHARE: usize = 2;
+const MOST_CUT: usize = 2;
 /// Factor on the cost of collapses where an importance colour is white; where it is black, the factor is 1.
 const WHITE_IMPORTANCE: f32 = 100.0;
 
@@ -112,7 +113,7 @@ pub fn simplify_asset(
             index,
             name: &named.name,
             mesh: &mut named.mesh,
-            floor: (target / KEPT_SHARE).max(FEWEST),
+            floor: (target / MOST_CUT).max(FEWEST),
             target,
             scale,
             report: None,
@@ -157,26 +158,33 @@ fn require_attribute(asset: &Asset, name: &str) -> Result<(), ProcessError> {
     Err(ProcessError::NoAttribute { name: name.to_owned(), known })
 }
 
-/// How much each mesh is enlarged at most where it is drawn, posed at rest, as the root of how much its area is; 1 for a
-/// mesh that is not drawn or has no area.
+/// How much each mesh is enlarged at most where it is drawn, posed at rest; 1 for a mesh that is not drawn or has no area.
 fn world_scales(asset: &Asset) -> Vec<f64> {
     let mut scales = vec![0.0_f64; asset.meshes.len()];
     for instance in &asset.instances {
         let mesh = &asset.meshes[instance.mesh].mesh;
-        let own = area(mesh, |w| Vec3::from(mesh.positions[mesh.wedge_vertices[w as usize] as usize]).as_dvec3());
-        let scale = (area(mesh, |w| instance.posed_wedge(mesh, w as usize)) / own).sqrt();
+        let scale = if instance.is_rigid() { longest_axis(&instance.transform) } else { posed_scale(instance, mesh) };
         scales[instance.mesh] = scales[instance.mesh].max(scale);
     }
     scales.iter().map(|&scale| if scale > 0.0 && scale.is_finite() { scale } else { 1.0 }).collect()
 }
 
-/// The area of a mesh whose wedges are somewhere.
-fn area(mesh: &Mesh, place: impl Fn(u32) -> DVec3) -> f64 {
-    let twice = |t: &[u32; 3]| {
-        let [a, b, c] = t.map(&place);
-        (b - a).cross(c - a).length()
+fn longest_axis(matrix: &DMat4) -> f64 {
+    let linear = DMat3::from_mat4(*matrix);
+    linear.x_axis.length().max(linear.y_axis.length()).max(linear.z_axis.length())
+}
+
+/// The root of how much the area of a mesh grows in its pose. The matrices of the joints would say too much: some move
+/// nothing.
+fn posed_scale(instance: &Instance, mesh: &Mesh) -> f64 {
+    let place = |wedge| instance.posed_wedge(mesh, wedge).as_vec3().to_array();
+    let posed = Mesh {
+        positions: (0..mesh.wedge_count()).map(place).collect(),
+        wedge_vertices: (0..mesh.wedge_count() as u32).collect(),
+        triangles: mesh.triangles.clone(),
+        ..Mesh::default()
     };
-    mesh.triangles.iter().map(twice).filter(|area| area.is_finite()).sum::<f64>() / 2.0
+    (area(&posed) / area(mesh)).sqrt()
 }
 
 /// Shares `total` out over groups in proportion to their sizes (largest remainders), leaving each at least
@@ -404,6 +412,7 @@ fn untouched() -> SimplifyReport {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
     use proptest::prelude::*;
 
     use super::*;
@@ -426,6 +435,20 @@ mod tests {
             prop_assert_eq!(shares.iter().sum::<usize>(), total);
             prop_assert!(shares.iter().zip(&sizes).all(|(share, size)| share <= size));
         }
+    }
+
+    #[test]
+    fn joints_that_move_nothing_do_not_count_in_the_scale() {
+        let mut mesh = maille::mesh::shapes::cube();
+        let wedges = mesh.wedge_count();
+        mesh.wedge_attributes.push(Attribute::new_u32(Semantic::Joints(0), 4, vec![0; 4 * wedges]));
+        mesh.wedge_attributes.push(Attribute::new_f32(Semantic::Weights(0), 4, [1.0, 0.0, 0.0, 0.0].repeat(wedges)));
+        let mut asset = Asset::from_mesh("cube", mesh);
+        asset.instances[0].joint_matrices = Some([DMat4::from_scale(DVec3::splat(0.01)), DMat4::IDENTITY].into());
+        assert!((world_scales(&asset)[0] - 0.01).abs() < 1e-6);
+        asset.instances[0].joint_matrices = None;
+        asset.instances[0].transform = DMat4::from_scale(DVec3::new(1.0, 2.0, 3.0));
+        assert!((world_scales(&asset)[0] - 3.0).abs() < 1e-12);
     }
 
     #[test]

@@ -6,6 +6,7 @@ use super::features::{Barred, Features};
 use super::legality::{Collapse, Limits};
 use super::metric::{Anchor, Candidate, EdgeContext, Metric, Update};
 use super::options::{Order, Refusals, Stop, TopologyPolicy};
+use super::patience::Patience;
 use super::queue::Queue;
 use crate::Control;
 use crate::control::Cancelled;
@@ -79,7 +80,7 @@ pub fn collapse_edges<M: Metric, O: Observer>(
         order: request.order,
         outcome: Outcome { collapses: 0, error: 0.0, stopped: Stop::Exhausted, refused: Refusals::default() },
         over_error: false,
-        patience: PATIENCE * mesh.live_face_count(),
+        patience: Patience::new(mesh),
         mesh,
         metric,
         features,
@@ -135,13 +136,6 @@ fn has_risen(cost: f64, stored: f64) -> bool {
     cost > stored * SLACK + f64::MIN_POSITIVE && f64::from(cost as f32) > stored
 }
 
-/// Faces around the ends of an edge from which on walking around them counts as costly.
-const LARGE: usize = 1024;
-
-/// How many faces at such ends are walked past for each face of the mesh: enough for any vertex of a real model, while
-/// a hundred thousand faces on one edge do not make the time quadratic.
-const PATIENCE: usize = 64;
-
 struct Loop<'a, M, O> {
     mesh: &'a mut CollapseMesh,
     metric: &'a mut M,
@@ -155,8 +149,8 @@ struct Loop<'a, M, O> {
     outcome: Outcome,
     /// Whether some collapse was refused because of its error alone.
     over_error: bool,
-    /// How many more faces may be walked past at vertices of very many.
-    patience: usize,
+    /// Used up, edges at vertices of very many faces are not looked at.
+    patience: Patience,
     kept_ring: Vec<RingFace>,
     removed_ring: Vec<RingFace>,
     effect: CollapseEffect,
@@ -265,16 +259,12 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
 
     /// Fills the rings of both ends; false when that has taken too long already and would take long again.
     fn fill_rings(&mut self, [kept, removed]: [u32; 2]) -> bool {
-        let is_large = |v| self.mesh.faces_around(v).nth(LARGE).is_some();
-        if self.patience == 0 && (is_large(kept) || is_large(removed)) {
+        if ![kept, removed].iter().all(|&v| self.patience.allows(self.mesh, v)) {
             return false;
         }
         self.mesh.ring(kept, &mut self.kept_ring);
         self.mesh.ring(removed, &mut self.removed_ring);
-        let faces = self.kept_ring.len() + self.removed_ring.len();
-        if faces > LARGE {
-            self.patience = self.patience.saturating_sub(faces);
-        }
+        self.patience.spend(self.kept_ring.len() + self.removed_ring.len());
         true
     }
 

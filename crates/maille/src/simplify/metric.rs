@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::features::Features;
 use super::options::{PlacementKind, QuadricWeight};
+use super::patience::Patience;
 use super::quadric::Quadric;
 use crate::prefetch::prefetch;
 use crate::topology::CollapseMesh;
@@ -158,8 +159,8 @@ pub struct QuadricMetric {
     /// Squared distance from the original that the vertices have gone: what memoryless quadrics do not know. Steps add
     /// up like independent errors. Empty where sums are kept.
     drift_sq: Vec<f32>,
-    /// How many more faces may be walked past to rebuild quadrics at vertices of very many.
-    patience: usize,
+    /// Used up, quadrics at vertices of very many faces stay as they are.
+    patience: Patience,
 }
 
 /// What makes short edges go first among equals, as a squared distance relative to the edge's.
@@ -174,20 +175,13 @@ const FLAT: f64 = 1e-7;
 /// coarse levels get worse (a plane fitted to bent stars of few faces says little).
 const VOLUME_PRICE: f64 = 1.5;
 
-/// Faces around a vertex from which on rebuilding its quadric counts as costly.
-const LARGE: usize = 1024;
-
-/// How many faces are walked past at such vertices for each face of the mesh. Then their quadrics stay as they are: next
-/// to a vertex of a hundred thousand faces, every collapse would look at all of them.
-const PATIENCE: usize = 64;
-
 /// How far, in edge lengths from the middle, an optimum may lie before it counts as badly conditioned.
 const REACH: f64 = 2.0;
 
 impl QuadricMetric {
     /// A metric without quadrics yet: [`Metric::prepare`] makes them.
     pub fn new(options: QuadricOptions) -> Self {
-        Self { options, quadrics: Vec::new(), summed: Vec::new(), drift_sq: Vec::new(), patience: 0 }
+        Self { options, quadrics: Vec::new(), summed: Vec::new(), drift_sq: Vec::new(), patience: Patience::default() }
     }
 
     /// The quadric of a vertex from the faces around it, and how many they are.
@@ -294,7 +288,7 @@ impl Metric for QuadricMetric {
     fn prepare(&mut self, mesh: &CollapseMesh, features: &Features) {
         let quadrics = (0..mesh.vertex_count() as u32).into_par_iter().map(|v| self.quadric_of(mesh, v, features).0);
         self.quadrics = quadrics.collect();
-        self.patience = PATIENCE * mesh.live_face_count();
+        self.patience = Patience::new(mesh);
         match self.options.memory {
             QuadricMemory::Summed => {}
             QuadricMemory::Rebuilt => self.drift_sq = vec![0.0; self.quadrics.len()],
@@ -350,10 +344,10 @@ impl Metric for QuadricMetric {
             QuadricMemory::Both => self.summed[kept as usize] = sum_of(&self.summed),
         }
         for &vertex in std::iter::once(&kept).chain(neighbors) {
-            if self.patience > 0 || mesh.faces_around(vertex).nth(LARGE).is_none() {
+            if self.patience.allows(mesh, vertex) {
                 let (quadric, faces) = self.quadric_of(mesh, vertex, features);
                 self.quadrics[vertex as usize] = quadric;
-                self.patience -= if faces > LARGE { faces.min(self.patience) } else { 0 };
+                self.patience.spend(faces);
             }
         }
     }

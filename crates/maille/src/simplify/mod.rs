@@ -19,6 +19,7 @@ mod legality;
 mod metric;
 mod options;
 mod pairs;
+mod patience;
 mod quadric;
 mod queue;
 mod wedges;
