@@ -1,6 +1,7 @@
 //! Errors that name the file, the place and the remedy.
 
 use std::fmt;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 /// Where in a file something is wrong.
@@ -22,6 +23,17 @@ impl fmt::Display for Place {
             Self::Byte(byte) => write!(f, "byte {byte}"),
             Self::Part(part) => f.write_str(part),
         }
+    }
+}
+
+/// What can be done about an error of the system.
+fn remedy_for(kind: ErrorKind) -> &'static str {
+    match kind {
+        ErrorKind::NotFound => "check the name and the folder",
+        ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => "check the permissions, or use another folder",
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => "make room, or use another disk",
+        ErrorKind::NotADirectory | ErrorKind::AlreadyExists => "a part of the path is a file where a folder is needed",
+        _ => "check the disk and the connection to it, and try again",
     }
 }
 
@@ -72,7 +84,8 @@ macro_rules! file_error {
 
         impl From<std::io::Error> for $name {
             fn from(source: std::io::Error) -> Self {
-                Self { source: Some(source), ..Self::new("") }
+                let remedy = remedy_for(source.kind()).to_owned();
+                Self { source: Some(source), remedy: Some(remedy), ..Self::new("") }
             }
         }
 
@@ -114,3 +127,11 @@ file_error!(
     WriteError,
     "write"
 );
+
+impl ReadError {
+    /// Adds what the user can do about it where nothing better is known.
+    pub(crate) fn or_remedy(mut self, remedy: &str) -> Self {
+        self.remedy.get_or_insert_with(|| remedy.to_owned());
+        self
+    }
+}

@@ -25,7 +25,7 @@ impl Input<'_> {
         let mut file = File::open(path)?;
         let meta = file.metadata()?;
         if meta.is_dir() {
-            return Err(ReadError::new("this is a folder, not a file"));
+            return Err(ReadError::new("this is a folder, not a file").with_remedy("name a file in it"));
         }
         if meta.len() < MAP_FROM || !meta.is_file() {
             let mut bytes = Vec::new();

@@ -11,6 +11,7 @@ mod flatten;
 mod format;
 mod gltf;
 mod input;
+mod left_out;
 mod look;
 mod obj;
 mod off;
@@ -28,6 +29,7 @@ pub use asset::{Asset, Instance, NamedMesh};
 pub use error::{Place, ReadError, WriteError};
 pub use format::Format;
 pub use look::{Look, Texture};
+pub use output::Written;
 pub use process::{AssetOptions, AssetReport, ProcessError, find_attribute, simplify_asset};
 pub use sample::sample;
 
@@ -93,7 +95,7 @@ pub fn read_bytes(bytes: &[u8], hint: Option<Format>, options: &ReadOptions) -> 
 
 fn format_of(input: &Input<'_>, hint: Option<Format>) -> Result<Format, ReadError> {
     if input.is_empty() {
-        return Err(ReadError::new("the file is empty"));
+        return Err(ReadError::new("the file is empty").with_remedy("fetch it again, or export it anew"));
     }
     Format::detect(input, hint).ok_or_else(|| {
         ReadError::new("the content is of no format that Maille knows")
@@ -102,6 +104,16 @@ fn format_of(input: &Input<'_>, hint: Option<Format>) -> Result<Format, ReadErro
 }
 
 fn decode(
+    input: &Input<'_>,
+    hint: Option<Format>,
+    folder: Option<&Path>,
+    options: &ReadOptions,
+) -> Result<Asset, ReadError> {
+    let asset = decode_format(input, hint, folder, options);
+    asset.map_err(|error| error.or_remedy("the file is damaged: fetch it again, or export it anew"))
+}
+
+fn decode_format(
     input: &Input<'_>,
     hint: Option<Format>,
     folder: Option<&Path>,
@@ -124,25 +136,32 @@ fn decode(
 /// Writes a file in the format that the extension of `path` names.
 ///
 /// The files (some formats make several) are written under temporary names in the same folder and renamed at the end:
-/// nobody ever sees half a file, and an error or a panic leaves nothing behind.
+/// nobody ever sees half a file, and an error or a panic leaves nothing behind. What is returned names them all, and says
+/// what the format could not hold.
 ///
 /// # Errors
-/// [`WriteError`], with the path.
-pub fn write(asset: &Asset, path: &Path, options: &WriteOptions) -> Result<(), WriteError> {
+/// [`WriteError`], with the path and what could be done.
+pub fn write(asset: &Asset, path: &Path, options: &WriteOptions) -> Result<Written, WriteError> {
     write_with(asset, path, options, Control::default())
 }
 
 /// [`write`](fn@write) that can be cancelled: once `control` says so it fails, and leaves nothing behind.
 ///
 /// # Errors
-/// [`WriteError`], with the path.
-pub fn write_with(asset: &Asset, path: &Path, options: &WriteOptions, control: Control<'_>) -> Result<(), WriteError> {
+/// [`WriteError`], with the path and what could be done.
+pub fn write_with(
+    asset: &Asset,
+    path: &Path,
+    options: &WriteOptions,
+    control: Control<'_>,
+) -> Result<Written, WriteError> {
     let write = || {
         let Some(format) = Format::from_path(path) else {
             let message = "the extension names no format that Maille writes";
             return Err(WriteError::new(message).with_remedy("use .glb, .gltf, .ply, .obj, .stl or .off"));
         };
         let mut output = Output::new(path, control)?;
+        left_out::left_out(asset, format, options).into_iter().for_each(|warning| output.warn(warning));
         match format {
             Format::Gltf | Format::Glb => gltf::write(asset, format == Format::Glb, &mut output, options)?,
             Format::Ply => ply::write(asset, &mut output, options)?,

@@ -405,8 +405,9 @@ fn write_all(sink: &mut Sink<'_, '_>, mesh: &Mesh, rows: &Rows<'_>) -> Result<()
     let keyword = [prefix(uvs.is_some(), "ST"), prefix(colors.is_some(), "C"), prefix(normals.is_some(), "N")];
     writeln!(sink.stream, "{}OFF{}", keyword.concat(), prefix(sink.binary, " BINARY"))?;
     for count in [rows.len(), mesh.triangle_count(), 0] {
-        let too_many = |_| WriteError::new("an OFF holds no more than 2^32 - 1 vertices and faces");
-        sink.count(u32::try_from(count).map_err(too_many)?);
+        let too_many = || WriteError::new("an OFF holds no more than 2^32 - 1 vertices and faces");
+        let count = u32::try_from(count).map_err(|_| too_many().with_remedy("write .ply, or simplify it first"));
+        sink.count(count?);
     }
     sink.end_line()?;
     for row in 0..rows.len() {

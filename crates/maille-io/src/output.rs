@@ -22,6 +22,16 @@ pub(crate) struct Output<'a> {
     target: PathBuf,
     control: Control<'a>,
     done: Vec<(NamedTempFile, PathBuf)>,
+    warnings: Vec<String>,
+}
+
+/// What writing did.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Written {
+    /// Every file that was written, the one asked for first.
+    pub files: Vec<PathBuf>,
+    /// What the format could not hold, one sentence each, for the user.
+    pub warnings: Vec<String>,
 }
 
 /// Writes to a file until cancelled.
@@ -48,14 +58,15 @@ impl<'a> Output<'a> {
     /// An output for the file `path`, in whose folder all other files will be.
     pub(crate) fn new(path: &Path, control: Control<'a>) -> Result<Self, WriteError> {
         // a link stays a link: what it points to is replaced
-        let target = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+        let resolved = if path.is_symlink() { fs::canonicalize(path).ok() } else { None };
+        let target = resolved.unwrap_or_else(|| path.to_owned());
         match fs::metadata(&target) {
             Ok(meta) if meta.is_dir() => Err(WriteError::new("this is a folder").with_remedy("name a file")),
             Ok(meta) if !meta.is_file() => {
                 let message = "this is not a regular file, and output replaces files as a whole";
                 Err(WriteError::new(message).with_remedy("name a file"))
             }
-            _ => Ok(Self { target, control, done: Vec::new() }),
+            _ => Ok(Self { target, control, done: Vec::new(), warnings: Vec::new() }),
         }
     }
 
@@ -71,7 +82,18 @@ impl<'a> Output<'a> {
 
     /// Begins a file beside the main one.
     pub(crate) fn beside(&self, name: &str) -> Result<Stream<'a>, WriteError> {
-        self.begin(self.target.with_file_name(name))
+        let path = self.target.with_file_name(name);
+        // beside an old result it is part of that; alone it may be part of anything
+        if path.exists() && !self.target.exists() {
+            let message = format!("{name} would be written, too, but is there already and may belong to another model");
+            return Err(WriteError::new(message).with_remedy("remove it, or choose another name or folder"));
+        }
+        self.begin(path)
+    }
+
+    /// Notes what the user should know of the result.
+    pub(crate) fn warn(&mut self, warning: String) {
+        self.warnings.push(warning);
     }
 
     fn begin(&self, target: PathBuf) -> Result<Stream<'a>, WriteError> {
@@ -100,14 +122,17 @@ impl<'a> Output<'a> {
     }
 
     /// Gives all finished files their names, the main one last.
-    pub(crate) fn commit(mut self) -> Result<(), WriteError> {
+    pub(crate) fn commit(mut self) -> Result<Written, WriteError> {
         if self.control.is_cancelled() {
             return Err(io::Error::other("cancelled").into());
         }
         self.done.sort_by_key(|(_, target)| *target == self.target);
+        let mut files = Vec::with_capacity(self.done.len());
         for (file, target) in self.done {
             let _: File = file.persist(&target).map_err(|e| WriteError::from(e.error))?;
+            files.push(target);
         }
-        Ok(())
+        files.rotate_right(1);
+        Ok(Written { files, warnings: self.warnings })
     }
 }

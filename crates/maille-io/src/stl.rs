@@ -216,7 +216,8 @@ fn corners(mesh: &Mesh, triangle: usize) -> [[f32; 3]; 3] {
 
 fn write_binary(stream: &mut Stream<'_>, mesh: &Mesh) -> Result<(), WriteError> {
     let Ok(count) = u32::try_from(mesh.triangle_count()) else {
-        return Err(WriteError::new("an STL holds no more than 2^32 - 1 triangles"));
+        let error = WriteError::new("an STL holds no more than 2^32 - 1 triangles");
+        return Err(error.with_remedy("write .ply, or simplify it first"));
     };
     let colors = mesh.triangle_attributes.iter().find(|a| a.semantic == Semantic::Color(0) && a.components >= 3);
     let colors = colors.and_then(|a| Some((a.as_f32()?, a.components)));

@@ -338,7 +338,7 @@ fn files_without_triangles_say_so() {
 }
 
 #[test]
-fn errors_name_the_file_and_the_line() {
+fn errors_name_the_file_the_line_and_a_remedy() {
     let folder = tempfile::tempdir().unwrap();
     let message = |name: &str, text: &str| {
         let path = folder.path().join(name);
@@ -355,6 +355,10 @@ fn errors_name_the_file_and_the_line() {
     assert!(ply.contains("line 4") && ply.contains("'real'"), "{ply}");
     let absent = read(&folder.path().join("absent.ply"), &ReadOptions::default()).unwrap_err().to_string();
     assert!(absent.contains("absent.ply"), "{absent}");
+    let empty = message("empty.stl", "");
+    for error in [obj, off, stl, ply, absent, empty] {
+        assert!(error.contains(" (") && error.ends_with(')'), "no remedy: {error}");
+    }
 }
 
 #[test]

@@ -663,7 +663,9 @@ fn a_small_file_cannot_ask_for_much_memory() {
 fn every_prefix_of_a_glb_is_refused() {
     let glb = File::square().glb();
     for length in 1..glb.len() {
-        assert!(read_bytes(&glb[..length], None, &ReadOptions::default()).is_err(), "{length} bytes");
+        let error = read_bytes(&glb[..length], None, &ReadOptions::default()).map(|_| ()).unwrap_err().to_string();
+        assert!(error.ends_with(')'), "no remedy at {length} bytes: {error}");
+        assert!(length < 4 || error.contains("GLB header") && error.contains("cut short"), "{length} bytes: {error}");
     }
     let longer = [glb, vec![0; 4]].concat();
     assert_eq!(read_bytes(&longer, None, &ReadOptions::default()).unwrap().warnings.len(), 1);

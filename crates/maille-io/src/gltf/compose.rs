@@ -109,7 +109,10 @@ impl<'a> Composer<'a> {
 
     /// Writes the primitives of a mesh anew.
     fn replace(&mut self, number: usize, mesh: &Mesh, original: &Mesh) -> Result<(), WriteError> {
-        mesh.check().map_err(|e| WriteError::new(format!("mesh {number} is not valid: {e}")))?;
+        mesh.check().map_err(|e| {
+            WriteError::new(format!("mesh {number} is not valid: {e}"))
+                .with_remedy("indices must be in range, and lengths agree")
+        })?;
         let document = self.document;
         let primitives = document.list("meshes")[number].get("primitives").and_then(Value::as_array);
         let primitives = primitives.map_or(&[][..], Vec::as_slice);
@@ -150,7 +153,8 @@ impl<'a> Composer<'a> {
     ) -> Result<Value, WriteError> {
         let mut point = original.clone();
         if point.triangles.is_empty() {
-            return Err(WriteError::new(format!("mesh {number} has no triangles, and a glTF mesh must have some")));
+            let message = format!("mesh {number} has no triangles, and a glTF mesh must have some");
+            return Err(WriteError::new(message).with_remedy("remove the mesh and what refers to it"));
         }
         point.triangles.truncate(1);
         point.triangle_materials.truncate(1);

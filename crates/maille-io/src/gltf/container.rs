@@ -14,29 +14,34 @@ pub(super) const MAGIC: &[u8; 4] = b"glTF";
 pub(super) const JSON_CHUNK: &[u8; 4] = b"JSON";
 pub(super) const BIN_CHUNK: &[u8; 4] = b"BIN\0";
 
+const CUT: &str = "it has been cut short: fetch it again";
+
 /// Splits a GLB, or takes JSON as it is: the document and the binary chunk.
 pub(super) fn open<'a>(bytes: &'a [u8], warnings: &mut Vec<String>) -> Checked<(Value, Option<&'a [u8]>)> {
     if !bytes.starts_with(MAGIC) {
         return Ok((parse(bytes)?, None));
     }
     let word = |at: usize| bytes.get(at..at + 4).map(|b| u32::from_le_bytes(b.try_into().expect("four bytes")));
-    let cut = || Fault::new("the file is cut off within its header");
-    let (version, length) = (word(4).ok_or_else(cut)?, word(8).ok_or_else(cut)? as usize);
+    let cut = || Fault::new("the file is cut off within its header").with_remedy(CUT);
+    let header = |at: usize| word(at).ok_or_else(cut).within("GLB header");
+    let (version, length) = (header(4)?, header(8)? as usize);
     if version != 2 {
         return Err(Fault::new(format!("GLB version {version}, expected 2"))
-            .with_remedy("convert it to glTF 2.0 with the program that made it"));
+            .with_remedy("convert it to glTF 2.0 with the program that made it"))
+        .within("GLB header");
     }
     if length > bytes.len() {
-        return Err(Fault::new(format!("the file should have {length} bytes but has {}", bytes.len())));
+        let message = format!("the file should have {length} bytes but has {}", bytes.len());
+        return Err(Fault::new(message).with_remedy(CUT)).within("GLB header");
     }
     if length < bytes.len() {
         warnings.push(format!("{} bytes after the end of the GLB were left out", bytes.len() - length));
     }
-    let chunks = chunks(&bytes[..length])?;
+    let chunks = chunks(&bytes[..length]).within("GLB chunks")?;
     let mut chunks = chunks.into_iter();
     let json = match chunks.next() {
         Some((kind, content)) if kind == JSON_CHUNK => parse(content)?,
-        _ => return Err(Fault::new("the first chunk of the GLB is not JSON")),
+        _ => return Err(Fault::new("the first chunk of the GLB is not JSON")).within("GLB chunks"),
     };
     let mut binary = None;
     for (place, (kind, content)) in chunks.enumerate() {

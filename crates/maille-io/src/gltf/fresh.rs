@@ -59,7 +59,7 @@ fn mesh_for(named: &NamedMesh, materials: &mut Vec<Value>) -> Value {
 }
 
 /// A dull grey-white surface, which shows shape and lets vertex colours be seen as they are.
-fn material(name: &str) -> Value {
+pub(super) fn material(name: &str) -> Value {
     let mut json = json!({ "pbrMetallicRoughness": { "metallicFactor": 0.0, "roughnessFactor": 0.8 } });
     if !name.is_empty() {
         json["name"] = json!(name);

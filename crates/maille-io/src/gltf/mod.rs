@@ -29,9 +29,10 @@ use std::sync::Arc;
 use serde_json::Value;
 
 use crate::asset::Source;
+use crate::left_out::{count, looks};
 use crate::output::Output;
 use crate::{Asset, NamedMesh, ReadError, ReadOptions, WriteError, WriteOptions};
-use json::{Checked, Fault, Within, index, list, required_index, text};
+use json::{Checked, Fault, Within, extension, index, list, required_index, text};
 
 /// Extensions that Maille understands, or that do not touch the geometry.
 const KNOWN: [&str; 7] = [
@@ -90,6 +91,28 @@ impl Document {
     pub(crate) fn contents(&self) -> Vec<(&'static str, usize)> {
         let keys = ["scenes", "nodes", "materials", "textures", "images", "skins", "animations", "cameras"];
         keys.map(|key| (key, self.list(key).len())).into_iter().filter(|&(_, count)| count > 0).collect()
+    }
+
+    /// What the document holds beside triangles and where they stand, in words. The material that Maille gives to bare
+    /// meshes is not worth a word.
+    pub(crate) fn beyond_meshes(&self) -> Vec<String> {
+        let bare = fresh::material("");
+        let materials = self.list("materials").iter().filter(|&material| *material != bare).count();
+        let lights = extension(&self.json, "KHR_lights_punctual").and_then(|e| e.get("lights")?.as_array());
+        let primitives = self.list("meshes").iter().flat_map(|mesh| list(mesh, "primitives").unwrap_or_default());
+        let is_other = |primitive: &&Value| {
+            let mode = primitive::mode(primitive);
+            primitive.get("attributes").is_some() && mode.is_ok_and(|mode| mode == primitive::Mode::Other)
+        };
+        let others = [
+            (self.list("skins").len(), "skin"),
+            (self.list("animations").len(), "animation"),
+            (self.list("cameras").len(), "camera"),
+            (lights.map_or(0, Vec::len), "light"),
+            (primitives.filter(is_other).count(), "point or line primitive"),
+        ];
+        let others = others.into_iter().filter(|&(n, _)| n > 0).map(|(n, what)| count(n, what));
+        looks(materials, self.list("textures").len()).into_iter().chain(others).collect()
     }
 
     /// The bytes of a buffer view and its stride.

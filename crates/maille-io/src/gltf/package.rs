@@ -226,9 +226,12 @@ fn copy_images(json: &mut Value, document: &Document, output: &mut Output<'_>) -
                 let own = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
                 let taken = names.iter().any(|(_, name)| *name == own);
                 let name = if taken { format!("{i}-{own}") } else { own };
-                let mut stream = output.beside(&name)?;
-                stream.write_all(&content)?;
-                output.finish(stream)?;
+                let is_there = std::fs::read(output.target().with_file_name(&name)).is_ok_and(|old| old == content);
+                if !is_there {
+                    let mut stream = output.beside(&name)?;
+                    stream.write_all(&content)?;
+                    output.finish(stream)?;
+                }
                 names.push((path, name.clone()));
                 name
             }

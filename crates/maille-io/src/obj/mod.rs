@@ -15,6 +15,10 @@ mod parse;
 mod read;
 mod write;
 
+use maille::Semantic;
+
+use crate::left_out::looks;
+
 pub(crate) use read::read;
 pub(crate) use write::write;
 
@@ -38,3 +42,17 @@ struct Part {
 const GROUP: &str = "group";
 /// Name of the triangle attribute with the smoothing groups.
 const SMOOTHING: &str = "smoothing";
+
+impl ObjSource {
+    /// What the material libraries say, in words.
+    pub(crate) fn looks(&self) -> Option<String> {
+        let statements = || self.mtl.split(|&b| b == b'\n').map(<[u8]>::trim_ascii_start);
+        let number = |starts: fn(&[u8]) -> bool| statements().filter(|line| starts(line)).count();
+        looks(number(|line| line.starts_with(b"newmtl")), number(|line| line.starts_with(b"map_")))
+    }
+}
+
+/// Whether an attribute of triangles is one that OBJ has statements for.
+pub(crate) fn holds_at_triangles(semantic: &Semantic) -> bool {
+    matches!(semantic, Semantic::Custom(name) if name == GROUP || name == SMOOTHING)
+}

@@ -25,6 +25,7 @@ mod write;
 pub(crate) use read::read;
 pub(crate) use write::write;
 
+use crate::left_out::{count, looks};
 use header::{Element, Property};
 
 /// What a PLY file holds beside its mesh.
@@ -43,4 +44,20 @@ pub(crate) struct PlySource {
     /// The number that the file gives each material slot.
     materials: Vec<u32>,
     sized_names: bool,
+}
+
+/// What precedes the name of an image in the comments of MeshLab.
+const TEXTURE_NOTE: &str = "comment TextureFile ";
+
+impl PlySource {
+    /// What the file holds beside its mesh, in words.
+    pub(crate) fn beyond_mesh(&self) -> Vec<String> {
+        let textures = self.notes.iter().filter(|note| note.starts_with(TEXTURE_NOTE)).count();
+        let elements = self.others.iter().map(|(element, _)| in_words(element));
+        looks(0, textures).into_iter().chain(elements).collect()
+    }
+}
+
+fn in_words(element: &Element) -> String {
+    format!("{} of the element '{}'", count(element.count as usize, "row"), element.name)
 }

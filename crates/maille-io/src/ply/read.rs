@@ -6,10 +6,10 @@ use maille::mesh::{ComponentType, Storage, Values, WeldOptions};
 use maille::{Attribute, Mesh, Semantic};
 use rayon::prelude::*;
 
-use super::PlySource;
 use super::body::{Column, Rows, fill_f32, fill_u32, integer, real, to_binary, to_little_endian};
 use super::header::{Element, Encoding, Header, Kind, Property, size_of};
 use super::roles::{Role, face_roles, unit, vertex_roles};
+use super::{PlySource, TEXTURE_NOTE};
 use crate::asset::Source;
 use crate::input::Input;
 use crate::settle::{Rounding, settled};
@@ -415,7 +415,7 @@ impl<'a> Reader<'a> {
 
 /// The names of the textures that material numbers stand for (MeshLab: `comment TextureFile NAME`, counted from 0).
 fn texture_names(notes: &[String], numbers: &[u32]) -> Vec<String> {
-    let textures: Vec<&str> = notes.iter().filter_map(|note| note.strip_prefix("comment TextureFile ")).collect();
+    let textures: Vec<&str> = notes.iter().filter_map(|note| note.strip_prefix(TEXTURE_NOTE)).collect();
     let name = |&number: &u32| textures.get(number as usize).map_or(String::new(), |name| name.trim().to_owned());
     let names: Vec<String> = numbers.iter().map(name).collect();
     if names.iter().all(String::is_empty) { Vec::new() } else { names }

@@ -7,10 +7,10 @@ use maille::mesh::{ComponentType, Values};
 use maille::{Attribute, Mesh, Semantic};
 use rayon::prelude::*;
 
-use super::PlySource;
 use super::body::{Rows, real};
 use super::header::{Element, Kind, Property, size_of, type_name};
 use super::roles::{Role, face_roles, unit, vertex_roles};
+use super::{PlySource, in_words};
 use crate::asset::Source;
 use crate::color::recoded;
 use crate::flatten::{self, flattened};
@@ -41,7 +41,11 @@ pub(crate) fn write(asset: &Asset, output: &mut Output<'_>, options: &WriteOptio
     for (element, bytes) in sheet.others() {
         write_other(&mut stream, options, element, bytes)?;
     }
-    output.finish(stream)
+    output.finish(stream)?;
+    for (element, _) in sheet.outdated() {
+        output.warn(format!("left out: {}, which names vertices by numbers of before", in_words(element)));
+    }
+    Ok(())
 }
 
 impl PlySource {
@@ -115,12 +119,21 @@ impl<'a> Sheet<'a> {
         columns
     }
 
-    /// Elements that are still right: those that refer to vertices only while these are the ones they knew.
+    /// Elements that are still right.
     fn others(&self) -> impl Iterator<Item = &'a (Element, Vec<u8>)> {
+        self.elements(|is_outdated| !is_outdated)
+    }
+
+    /// Elements that refer to vertices, once these are no longer the ones they knew.
+    fn outdated(&self) -> impl Iterator<Item = &'a (Element, Vec<u8>)> {
+        self.elements(|is_outdated| is_outdated)
+    }
+
+    fn elements(&self, wanted: fn(bool) -> bool) -> impl Iterator<Item = &'a (Element, Vec<u8>)> {
         let same_vertices = self.source.is_some_and(|s| s.vertex_count == self.rows.len());
         let refers = |e: &Element| e.properties.iter().any(|p| p.name.starts_with("vertex"));
         let others = self.source.map_or(&[][..], |s| &s.others);
-        others.iter().filter(move |(element, _)| same_vertices || !refers(element))
+        others.iter().filter(move |(element, _)| wanted(!same_vertices && refers(element)))
     }
 
     fn write_header(
