@@ -54,9 +54,21 @@ pub(crate) struct Common {
     /// Prints the results as one JSON object, the last line on stdout.
     #[arg(long, help_heading = "General")]
     pub(crate) json: bool,
-    /// No progress bars and no notes on stderr; errors still come.
+    /// Prints nothing but errors, and the results where --json asks for them.
     #[arg(long, short, help_heading = "General")]
     pub(crate) quiet: bool,
+}
+
+/// Where the result of a command goes.
+#[derive(Debug, Args, Clone)]
+#[group(required = true, multiple = false)]
+pub(crate) struct Destination {
+    /// The file to write; its extension names the format.
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: Option<PathBuf>,
+    /// Replaces the input with the result.
+    #[arg(long)]
+    pub(crate) in_place: bool,
 }
 
 /// Tells what a file holds and what is wrong with it.
@@ -79,15 +91,14 @@ pub(crate) struct InfoArgs {
 /// without a scene get the meshes where they stand, posed at rest.
 #[derive(Debug, Args)]
 #[command(
-    after_long_help = "Examples:\n  maille convert model.obj -o model.glb\n  maille convert scan.ply -o scan.ply --text"
+    after_long_help = "Examples:\n  maille convert model.obj -o model.glb\n  maille convert scan.ply --in-place --text"
 )]
 pub(crate) struct ConvertArgs {
     /// The file to read.
     pub(crate) input: PathBuf,
-    /// The file to write; its extension names the format.
-    #[arg(short, long, value_name = "FILE")]
-    pub(crate) output: PathBuf,
-    /// Text instead of binary, where the format has both (PLY, STL).
+    #[command(flatten)]
+    pub(crate) destination: Destination,
+    /// Text instead of binary (PLY, STL); OBJ, OFF and .gltf are text anyway, GLB is not.
     #[arg(long)]
     pub(crate) text: bool,
     #[command(flatten)]
@@ -106,7 +117,7 @@ pub(crate) struct SampleArgs {
     #[arg(short, long, value_name = "FILE", required_unless_present = "list")]
     pub(crate) output: Option<PathBuf>,
     /// About how many triangles it should have.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = parse_count, allow_hyphen_values = true)]
     pub(crate) triangles: Option<usize>,
     /// Lists the models and what they are good for.
     #[arg(long)]
@@ -144,9 +155,8 @@ impl Distance {
 pub(crate) struct SimplifyArgs {
     /// The file to read.
     pub(crate) input: PathBuf,
-    /// The file to write; its extension names the format.
-    #[arg(short, long, value_name = "FILE")]
-    pub(crate) output: PathBuf,
+    #[command(flatten)]
+    pub(crate) destination: Destination,
 
     /// Stop at this many triangles, over all distinct meshes.
     #[arg(long, value_name = "N", group = "target", conflicts_with = "ratio", value_parser = parse_count,
@@ -257,7 +267,8 @@ pub(crate) struct CompareArgs {
     /// Looks for the maximum along all edges, too.
     #[arg(long)]
     pub(crate) edges: bool,
-    /// Writes A coloured by its distance to B, from dark violet (none) to yellow (the most).
+    /// Writes A coloured by its distance to B, from dark violet (none) to yellow (the most); not as STL, which has no
+    /// colours at vertices.
     #[arg(long, value_name = "FILE")]
     pub(crate) heatmap: Option<PathBuf>,
     /// The distance that is yellow, in units or as a share of the diagonal; default: the largest.
@@ -276,9 +287,8 @@ pub(crate) struct CompareArgs {
 pub(crate) struct RepairArgs {
     /// The file to read.
     pub(crate) input: PathBuf,
-    /// The file to write; its extension names the format.
-    #[arg(short, long, value_name = "FILE")]
-    pub(crate) output: PathBuf,
+    #[command(flatten)]
+    pub(crate) destination: Destination,
     /// All repairs, in the order below.
     #[arg(long, conflicts_with = "only")]
     pub(crate) all: bool,

@@ -27,8 +27,8 @@ impl Failure {
     }
 
     /// The same kind of error for a file that could not be written by other means than `maille_io`.
-    pub(crate) fn writing(path: &Path, problem: impl std::fmt::Display) -> Self {
-        Self::Refused(format!("cannot write {}: {problem}", path.display()))
+    pub(crate) fn writing(path: &Path, error: std::io::Error) -> Self {
+        WriteError::from(error).at_path(path).into()
     }
 }
 

@@ -111,10 +111,18 @@ pub(crate) fn seconds(s: f64) -> String {
     if s < 0.1 { format!("{:.1} ms", 1000.0 * s) } else { format!("{s:.2} s") }
 }
 
-/// What has been written, with its size.
-pub(crate) fn written(path: &Path) -> String {
-    let size = std::fs::metadata(path).map(|meta| format!(" ({})", bytes(meta.len()))).unwrap_or_default();
-    format!("{}{size}", path.display())
+/// Files that have been written, with their sizes.
+pub(crate) fn written(files: &[impl AsRef<Path>]) -> String {
+    let with_size = |path: &Path| {
+        let size = std::fs::metadata(path).map(|meta| format!(" ({})", bytes(meta.len()))).unwrap_or_default();
+        format!("{}{size}", path.display())
+    };
+    files.iter().map(|path| with_size(path.as_ref())).collect::<Vec<_>>().join(", ")
+}
+
+/// Paths for JSON.
+pub(crate) fn paths(files: &[impl AsRef<Path>]) -> Vec<String> {
+    files.iter().map(|path| path.as_ref().display().to_string()).collect()
 }
 
 #[cfg(test)]

@@ -4,10 +4,11 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use maille::Control;
-use maille_io::{Asset, ReadOptions, WriteOptions};
+use maille_io::{Asset, ReadOptions, WriteOptions, Written};
 
 use crate::args::Common;
 use crate::failure::{Failure, say};
+use crate::output;
 use crate::progress::{Progress, Spinner};
 
 /// Set by Ctrl-C; algorithms look at it through [`Control`].
@@ -22,6 +23,7 @@ pub(crate) struct Session {
     progress: std::sync::Arc<Progress>,
     report: Report,
     quiet: bool,
+    json: bool,
 }
 
 impl Session {
@@ -40,7 +42,7 @@ impl Session {
         let progress = std::sync::Arc::new(Progress::new(common.quiet));
         let shown = progress.clone();
         let report: Report = Box::new(move |stage, done| shown.report(stage, done));
-        Ok(Self { progress, report, quiet: common.quiet })
+        Ok(Self { progress, report, quiet: common.quiet, json: common.json })
     }
 
     /// Number of threads at work.
@@ -81,28 +83,35 @@ impl Session {
 
     /// Reads a file of any format and tells what was odd in it.
     pub(crate) fn read(&self, path: &Path) -> Result<Asset, Failure> {
+        let asset = self.open(path)?;
+        self.warn(path, &asset.warnings);
+        Ok(asset)
+    }
+
+    /// Reads a file of any format; what was odd in it is left to the caller to tell.
+    pub(crate) fn open(&self, path: &Path) -> Result<Asset, Failure> {
         let spinner = self.progress.spinner(format!("reading {}", path.display()));
         MAY_EXIT.store(true, Ordering::SeqCst);
         let asset = maille_io::read(path, &ReadOptions::default());
         MAY_EXIT.store(false, Ordering::SeqCst);
         drop(spinner);
         let asset = asset?;
-        for warning in &asset.warnings {
-            self.note(&format!("{}: {warning}", path.display()));
-        }
         self.checkpoint()?;
         Ok(asset)
     }
 
-    /// Writes a file whole or not at all.
-    pub(crate) fn write(&self, asset: &Asset, path: &Path, options: &WriteOptions) -> Result<(), Failure> {
+    /// Writes a file whole or not at all, and tells what its format could not hold.
+    pub(crate) fn write(&self, asset: &Asset, path: &Path, options: &WriteOptions) -> Result<Written, Failure> {
         self.checkpoint()?;
-        let _spinner = self.progress.spinner(format!("writing {}", path.display()));
+        let spinner = self.progress.spinner(format!("writing {}", path.display()));
         let written = maille_io::write_with(asset, path, options, self.control());
+        drop(spinner);
         if CANCELLED.load(Ordering::SeqCst) && written.is_err() {
             return Err(Failure::Cancelled);
         }
-        Ok(written?)
+        let written = written?;
+        self.warn(path, &written.warnings);
+        Ok(written)
     }
 
     /// Writes bytes that are no mesh (a picture, a page) whole or not at all.
@@ -116,6 +125,26 @@ impl Session {
             file.persist(path).map_err(|error| error.error)
         };
         write().map(drop).map_err(|error| Failure::writing(path, error))
+    }
+
+    /// Prints the result of the command: as JSON where that is asked for, else as text, where the user did not ask for
+    /// quiet.
+    pub(crate) fn result(
+        &self,
+        json: impl FnOnce() -> serde_json::Value,
+        text: impl FnOnce() -> String,
+    ) -> Result<(), Failure> {
+        match (self.json, self.quiet) {
+            (true, _) => output::print_json(&json())?,
+            (false, false) => output::print(&text())?,
+            (false, true) => {}
+        }
+        Ok(())
+    }
+
+    /// Tells the user what is to be known of a file beside the result.
+    pub(crate) fn warn(&self, path: &Path, warnings: &[String]) {
+        warnings.iter().for_each(|warning| self.note(&format!("{}: {warning}", path.display())));
     }
 
     /// Tells the user something beside the result.

@@ -149,15 +149,135 @@ fn what_cannot_be_written_is_refused_and_named() {
     folder.refused(&["convert", "a.ply", "-o", "absent/out.glb"], "out.glb");
     folder.refused(&["render", "a.ply", "-o", "absent/out.png", "--size", "32x32"], "out.png");
     std::fs::create_dir(folder.path("taken.ply")).expect("the name is free");
-    folder.refused(&["simplify", "a.ply", "-o", "taken.ply", "--ratio", "0.5"], "taken.ply");
+    let run = folder.refused(&["simplify", "a.ply", "-o", "taken.ply", "--ratio", "0.5"], "taken.ply");
+    assert!(run.stderr.contains("name a file in it"), "{}", run.stderr);
+    for command in ["demo", "man"] {
+        let run = folder.refused(&[command, "-o", "a.ply"], "a.ply");
+        assert!(run.stderr.contains("name another"), "{}", run.stderr);
+    }
 }
 
 #[test]
-fn a_file_may_replace_itself() {
+fn a_file_replaces_itself_only_when_asked_to() {
     let folder = with_sphere("a.ply");
-    folder.done(&["simplify", "a.ply", "-o", "a.ply", "--triangles", "100"]);
+    let before = folder.bytes("a.ply");
+    for arguments in [
+        &["simplify", "a.ply", "-o", "./a.ply", "--triangles", "100"][..],
+        &["repair", "a.ply", "-o", "a.ply"],
+        &["convert", "a.ply", "-o", "a.ply", "--text"],
+        &["compare", "b.ply", "a.ply", "--heatmap", "a.ply"],
+        &["convert", "a.ply", "-o", "b.ply", "--in-place"],
+    ] {
+        let run = folder.run(arguments);
+        assert_eq!(run.code, 2, "{arguments:?}: {}", run.stderr);
+        assert!(folder.bytes("a.ply") == before, "{arguments:?}");
+    }
+    assert!(folder.run(&["repair", "a.ply", "-o", "a.ply"]).stderr.contains("--in-place"));
+    let run = folder.done(&["simplify", "a.ply", "--in-place", "--triangles", "100"]);
+    assert!(!run.stdout.contains("maille compare"), "a file is not compared with itself: {}", run.stdout);
     assert_eq!(folder.json(&["info", "a.ply"])["triangles"], 100);
+    folder.done(&["convert", "a.ply", "--in-place", "--text"]);
+    folder.done(&["repair", "a.ply", "--in-place"]);
     assert_eq!(folder.names(), ["a.ply"]);
+}
+
+#[test]
+fn quiet_prints_nothing_but_what_json_asks_for() {
+    let folder = with_sphere("a.glb");
+    for arguments in [
+        &["info", "a.glb"][..],
+        &["simplify", "a.glb", "-o", "b.stl", "--ratio", "0.5"],
+        &["convert", "a.glb", "-o", "c.gltf"],
+        &["repair", "a.glb", "-o", "d.ply"],
+        &["compare", "a.glb", "b.stl", "--samples", "999"],
+        &["render", "a.glb", "-o", "e.png", "--size", "32x32"],
+        &["sample", "vase", "-o", "f.ply", "--triangles", "1"],
+    ] {
+        let run = folder.done(&[arguments, &["-q"]].concat());
+        assert_eq!((run.stdout.as_str(), run.stderr.as_str()), ("", ""), "{arguments:?}");
+        let run = folder.done(&[arguments, &["-q", "--json"]].concat());
+        assert!(run.stdout.starts_with('{') && run.stderr.is_empty(), "{arguments:?}: {}", run.stderr);
+    }
+    assert!(!folder.run(&["info", "absent.ply", "-q"]).stderr.is_empty());
+}
+
+#[test]
+fn every_file_written_is_told() {
+    let folder = with_sphere("a.ply");
+    let files = |arguments: &[&str]| folder.json(arguments)["files"].clone();
+    assert_eq!(files(&["convert", "a.ply", "-o", "b.gltf"]), serde_json::json!(["b.gltf", "b.bin"]));
+    assert_eq!(files(&["repair", "a.ply", "-o", "c.gltf"]), serde_json::json!(["c.gltf", "c.bin"]));
+    assert_eq!(files(&["sample", "vase", "-o", "d.ply", "--triangles", "3000"]), serde_json::json!(["d.ply"]));
+    let run = folder.done(&["simplify", "a.ply", "-o", "b.gltf", "--ratio", "0.5"]);
+    assert!(run.stdout.contains("b.gltf (") && run.stdout.contains("b.bin ("), "{}", run.stdout);
+}
+
+#[test]
+fn what_a_format_cannot_hold_is_told() {
+    let folder = Folder::new();
+    folder.done(&["sample", "character", "-o", "a.glb", "--triangles", "2000"]);
+    let run = folder.done(&["convert", "a.glb", "-o", "b.ply"]);
+    for part in ["b.ply: left out: 1 skin (kept by .glb and .gltf)", "animations", "material"] {
+        assert!(run.stderr.contains(part), "{part}: {}", run.stderr);
+    }
+    let report = folder.json(&["simplify", "a.glb", "-o", "b.stl", "--ratio", "0.5"]);
+    let warnings = report["warnings"].as_array().map_or(0, Vec::len);
+    assert_eq!(warnings, 4, "{report}");
+    let report = folder.json(&["simplify", "a.glb", "-o", "b.glb", "--ratio", "0.5"]);
+    assert_eq!(report["warnings"], serde_json::json!([]));
+}
+
+#[test]
+fn repair_tells_what_the_file_still_has_when_it_is_read() {
+    let folder = Folder::new();
+    // two tetrahedra that touch at a corner
+    folder.file(
+        "touching.obj",
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv -1 0 0\nv 0 -1 0\nv 0 0 -1\n\
+         f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\nf 1 5 6\nf 1 7 5\nf 1 6 7\nf 5 7 6\n",
+    );
+    let kept = folder.json(&["repair", "touching.obj", "-o", "a.obj"]);
+    assert_eq!((&kept["changes"]["vertices_added"], &kept["remaining"]), (&1.into(), &serde_json::json!({})));
+    let lost = folder.json(&["repair", "touching.obj", "-o", "a.glb"]);
+    assert_eq!(lost["remaining"]["non-manifold vertices"], 1, "{lost}");
+    assert!(lost["warnings"][0].as_str().is_some_and(|warning| warning.contains("join vertices")), "{lost}");
+}
+
+#[test]
+fn options_that_a_format_cannot_follow_are_wrong_usage() {
+    let folder = with_sphere("a.ply");
+    let wrong = |arguments: &[&str], remedy: &str| {
+        let run = folder.run(arguments);
+        assert!(run.code == 2 && run.stderr.contains(remedy), "{arguments:?}: {}", run.stderr);
+    };
+    wrong(&["convert", "a.ply", "-o", "b.glb", "--text"], ".gltf");
+    wrong(&["compare", "a.ply", "a.ply", "--heatmap", "b.stl"], ".ply");
+    wrong(&["sample", "vase", "-o", "b.ply", "--triangles", "0"], "from 1 on");
+    assert_eq!(folder.names(), ["a.ply"]);
+    folder.done(&["convert", "a.ply", "-o", "b.off", "--text"]);
+}
+
+#[test]
+fn a_sample_that_cannot_have_so_few_triangles_says_so() {
+    let folder = Folder::new();
+    let run = folder.done(&["sample", "mechanical", "-o", "a.ply", "--triangles", "5"]);
+    assert!(run.stderr.contains("5 triangles are asked for, but"), "{}", run.stderr);
+    let run = folder.done(&["sample", "statue", "-o", "a.ply", "--triangles", "5000"]);
+    assert_eq!(run.stderr, "");
+}
+
+#[test]
+fn refused_collapses_are_told_in_words() {
+    let folder = Folder::new();
+    let grid = Asset::from_mesh("grid", shapes::grid(20));
+    maille_io::write(&grid, &folder.path("a.ply"), &WriteOptions::default()).expect("the grid can be written");
+    let told = |policy: &str| {
+        folder.done(&["simplify", "a.ply", "-o", "b.ply", "--max-error", "0", "--boundary", policy]).stdout
+    };
+    assert!(told("preserve").contains("that would tear open borders"), "{}", told("preserve"));
+    assert!(told("lock").contains("between locked vertices"), "{}", told("lock"));
+    let run = folder.done(&["simplify", "a.ply", "-o", "b.ply", "--triangles", "2", "--boundary", "lock"]);
+    assert!(run.stdout.contains("remedy   --boundary hold (or free)"), "{}", run.stdout);
 }
 
 #[test]

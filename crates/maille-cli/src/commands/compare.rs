@@ -1,10 +1,12 @@
 //! `maille compare`
 
+use std::path::Path;
+
 use maille::Mesh;
 use maille::measure::{
     CompareError, CompareOptions, Comparison, Deviation, Figures, Side, compare, distances_at_vertices, heatmap,
 };
-use maille_io::{Asset, WriteOptions};
+use maille_io::{Asset, Format, WriteOptions, Written};
 use serde_json::{Value, json};
 
 use crate::args::CompareArgs;
@@ -14,7 +16,7 @@ use crate::session::Session;
 
 pub(crate) fn run(args: &CompareArgs) -> Result<(), Failure> {
     if let Some(path) = &args.heatmap {
-        super::check_output(path)?;
+        check_heatmap(args, path)?;
     }
     let session = Session::start(&args.common)?;
     let (a, b) = (session.read(&args.a)?, session.read(&args.b)?);
@@ -22,32 +24,43 @@ pub(crate) fn run(args: &CompareArgs) -> Result<(), Failure> {
     let options = CompareOptions { samples: args.samples, seed: args.seed, edges: args.edges };
     let comparison = compare(&a, &b, &options, session.control()).map_err(|error| refusal(args, &error))?;
     session.checkpoint()?;
-    let range = match &args.heatmap {
+    let drawn = match &args.heatmap {
         Some(path) => Some(write_heatmap(&session, args, &a, &b, path)?),
         None => None,
     };
-    match args.common.json {
-        true => output::print_json(&json(args, &session, &comparison, range))?,
-        false => output::print(&text(args, &comparison, range))?,
-    }
-    Ok(())
+    let drawn = drawn.as_ref();
+    session.result(|| json(args, &session, &comparison, drawn), || text(args, &comparison, drawn))
 }
 
-/// Writes A coloured by its distance to B and returns the distance that has the last colour.
-fn write_heatmap(
-    session: &Session,
-    args: &CompareArgs,
-    a: &Mesh,
-    b: &Mesh,
-    path: &std::path::Path,
-) -> Result<f64, Failure> {
+/// Refuses a heat map that would have no colours, or that would replace what is compared.
+fn check_heatmap(args: &CompareArgs, path: &Path) -> Result<(), Failure> {
+    super::check_output(path)?;
+    let problem = if Format::from_path(path) == Some(Format::Stl) {
+        "an STL has no colours at its vertices; write the heat map as .ply, .glb, .gltf, .obj or .off"
+    } else if [&args.a, &args.b].into_iter().any(|input| super::is_same_file(input, path)) {
+        "this is one of the files to compare; choose another name for the heat map"
+    } else {
+        return Ok(());
+    };
+    Err(Failure::Usage(format!("{}: {problem}", path.display())))
+}
+
+/// A heat map that has been written.
+struct Drawn {
+    /// The distance that has the last colour.
+    most: f64,
+    written: Written,
+}
+
+/// Writes A coloured by its distance to B.
+fn write_heatmap(session: &Session, args: &CompareArgs, a: &Mesh, b: &Mesh, path: &Path) -> Result<Drawn, Failure> {
     let distances = distances_at_vertices(a, b, session.control()).map_err(|error| refusal(args, &error))?;
     session.checkpoint()?;
     let found = distances.iter().copied().filter(|distance| distance.is_finite()).fold(0.0, f32::max);
     let most = args.heatmap_max.map_or(found, |most| most.in_units(a.diagonal()) as f32);
     let coloured = Asset::from_mesh("distance", heatmap(a, &distances, [0.0, most]));
-    session.write(&coloured, path, &WriteOptions::default())?;
-    Ok(f64::from(most))
+    let written = session.write(&coloured, path, &WriteOptions::default())?;
+    Ok(Drawn { most: f64::from(most), written })
 }
 
 fn refusal(args: &CompareArgs, error: &CompareError) -> Failure {
@@ -62,12 +75,13 @@ fn refusal(args: &CompareArgs, error: &CompareError) -> Failure {
     };
     let remedy = match error {
         CompareError::NotFinite { .. } => format!(" (maille repair {} -o OUT)", path.display()),
+        CompareError::Empty { .. } => format!(" (maille info {} tells what it draws)", path.display()),
         _ => String::new(),
     };
     Failure::about(path, format!("{error}{remedy}"))
 }
 
-fn json(args: &CompareArgs, session: &Session, c: &Comparison, range: Option<f64>) -> Value {
+fn json(args: &CompareArgs, session: &Session, c: &Comparison, drawn: Option<&Drawn>) -> Value {
     json!({
         "a": args.a.display().to_string(),
         "b": args.b.display().to_string(),
@@ -84,7 +98,8 @@ fn json(args: &CompareArgs, session: &Session, c: &Comparison, range: Option<f64
         "seed": args.seed,
         "threads": session.threads(),
         "heatmap": args.heatmap.as_ref().map(|path| path.display().to_string()),
-        "heatmap_max": range,
+        "heatmap_max": drawn.map(|drawn| drawn.most),
+        "files": drawn.map_or(Vec::new(), |drawn| output::paths(&drawn.written.files)),
     })
 }
 
@@ -124,7 +139,7 @@ fn figures_json(f: &Figures) -> Value {
     })
 }
 
-fn text(args: &CompareArgs, c: &Comparison, range: Option<f64>) -> String {
+fn text(args: &CompareArgs, c: &Comparison, drawn: Option<&Drawn>) -> String {
     let mut text = format!("A  {}\nB  {}\n\n", args.a.display(), args.b.display());
     text += &output::table(&distance_rows(c));
     text.push('\n');
@@ -134,8 +149,8 @@ fn text(args: &CompareArgs, c: &Comparison, range: Option<f64>) -> String {
     listing.line("diagonal of A", output::number(c.diagonal));
     let points = output::count(c.forward.samples);
     listing.line("sampling", format!("{points} points on each surface and all vertices, seed {}", args.seed));
-    if let (Some(path), Some(range)) = (&args.heatmap, range) {
-        listing.line("heat map", format!("{}, yellow from {}", output::written(path), output::number(range)));
+    if let Some(Drawn { most, written }) = drawn {
+        listing.line("heat map", format!("{}, yellow from {}", output::written(&written.files), output::number(*most)));
     }
     text + &listing.text()
 }

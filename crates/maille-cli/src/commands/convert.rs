@@ -1,6 +1,6 @@
 //! `maille convert`
 
-use maille_io::WriteOptions;
+use maille_io::{Format, WriteOptions};
 use serde_json::json;
 
 use crate::args::ConvertArgs;
@@ -9,19 +9,24 @@ use crate::output;
 use crate::session::Session;
 
 pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
-    super::check_output(&args.output)?;
+    let path = super::destination(&args.input, &args.destination)?;
+    if args.text && Format::from_path(&path) == Some(Format::Glb) {
+        let message = "--text: a GLB is always binary; write .gltf for text";
+        return Err(Failure::Usage(format!("{}: {message}", path.display())));
+    }
     let session = Session::start(&args.common)?;
     let asset = session.read(&args.input)?;
-    session.write(&asset, &args.output, &WriteOptions { text: args.text, ..WriteOptions::default() })?;
-    if args.common.json {
-        return Ok(output::print_json(&json!({
+    let written = session.write(&asset, &path, &WriteOptions { text: args.text, ..WriteOptions::default() })?;
+    let json = || {
+        json!({
             "input": args.input.display().to_string(),
-            "output": args.output.display().to_string(),
+            "output": path.display().to_string(),
+            "files": output::paths(&written.files),
             "meshes": asset.meshes.len(),
             "triangles": asset.triangle_count(),
-            "warnings": asset.warnings,
-        }))?);
-    }
+            "warnings": ([&asset.warnings[..], &written.warnings[..]].concat()),
+        })
+    };
     let triangles = output::count(asset.triangle_count());
-    Ok(output::print(&format!("wrote {}, {triangles} triangles\n", output::written(&args.output)))?)
+    session.result(json, || format!("wrote {}, {triangles} triangles\n", output::written(&written.files)))
 }

@@ -1,7 +1,5 @@
 //! `maille man`
 
-use std::path::Path;
-
 use clap::CommandFactory;
 use clap_mangen::Man;
 
@@ -11,16 +9,14 @@ use crate::output;
 
 pub(crate) fn run(args: &ManArgs) -> Result<(), Failure> {
     match &args.output {
-        Some(folder) => write_all(folder).map_err(|error| Failure::writing(folder, error)),
+        Some(folder) => {
+            super::make_folder(folder)?;
+            clap_mangen::generate_to(Cli::command(), folder).map_err(|error| Failure::writing(folder, error))
+        }
         None => {
             let mut page = Vec::new();
             Man::new(Cli::command()).render(&mut page)?;
             Ok(output::print(&String::from_utf8_lossy(&page))?)
         }
     }
-}
-
-fn write_all(folder: &Path) -> std::io::Result<()> {
-    std::fs::create_dir_all(folder)?;
-    clap_mangen::generate_to(Cli::command(), folder)
 }

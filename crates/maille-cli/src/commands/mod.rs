@@ -11,11 +11,11 @@ mod repair;
 mod sample;
 mod simplify;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use maille_io::{Asset, Format};
+use maille_io::{Asset, Format, WriteError};
 
-use crate::args::{Cli, Command};
+use crate::args::{Cli, Command, Destination};
 use crate::failure::Failure;
 
 /// Runs what the command line asks for.
@@ -34,8 +34,42 @@ pub(crate) fn run(cli: Cli) -> Result<(), Failure> {
     }
 }
 
+/// The file to write. The input is replaced only where that is asked for: whoever simplifies a file onto itself by
+/// mistake has lost the original.
+fn destination(input: &Path, destination: &Destination) -> Result<PathBuf, Failure> {
+    let Some(output) = &destination.output else {
+        check_output(input)?;
+        return Ok(input.to_owned());
+    };
+    check_output(output)?;
+    if is_same_file(input, output) {
+        let message = "this is the input; give --in-place instead of -o to replace it, or another name to keep it";
+        return Err(Failure::Usage(format!("{}: {message}", output.display())));
+    }
+    Ok(output.clone())
+}
+
+/// Whether two paths, links followed, lead to one existing file.
+fn is_same_file(a: &Path, b: &Path) -> bool {
+    let resolved = |path: &Path| std::fs::canonicalize(path).ok();
+    resolved(a).is_some_and(|a| Some(a) == resolved(b))
+}
+
+/// Makes a folder for results, where there is none.
+fn make_folder(path: &Path) -> Result<(), Failure> {
+    if path.is_file() {
+        let error = WriteError::new("this is a file, but a folder is needed").with_remedy("name another with -o");
+        return Err(error.at_path(path).into());
+    }
+    std::fs::create_dir_all(path).map_err(|error| Failure::writing(path, error))
+}
+
 /// Refuses an output that no writer takes, before any work is done.
 fn check_output(path: &Path) -> Result<(), Failure> {
+    if path.is_dir() {
+        let remedy = format!("name a file in it, such as {}", path.join("model.glb").display());
+        return Err(WriteError::new("this is a folder").with_remedy(remedy).at_path(path).into());
+    }
     match Format::from_path(path) {
         Some(_) => Ok(()),
         None => {

@@ -33,14 +33,14 @@ pub(crate) fn run(args: &RenderArgs) -> Result<(), Failure> {
     };
     let picture = draw(&scene, &lighting, &camera, &style);
     session.write_bytes(&picture.to_png(), &args.output)?;
-    if args.common.json {
-        return Ok(output::print_json(&json!({
+    let json = || {
+        json!({
             "input": args.file.display().to_string(),
             "output": args.output.display().to_string(),
             "width": picture.width,
             "height": picture.height,
             "triangles": scene.triangles.len(),
-        }))?);
-    }
-    Ok(output::print(&format!("wrote {}\n", output::written(&args.output)))?)
+        })
+    };
+    session.result(json, || format!("wrote {}\n", output::written(&[&args.output])))
 }

@@ -1,9 +1,10 @@
 //! `maille repair`
 
+use std::path::{Path, PathBuf};
+
 use maille::mesh::WeldOptions;
 use maille::repair::{NAMES, Repair, RepairReport, diagnose, repair};
-use maille_io::Asset;
-use maille_io::WriteOptions;
+use maille_io::{Asset, ReadOptions, WriteOptions};
 use serde_json::{Map, Value, json};
 
 use crate::args::RepairArgs;
@@ -12,7 +13,7 @@ use crate::output::{self, Listing};
 use crate::session::Session;
 
 pub(crate) fn run(args: &RepairArgs) -> Result<(), Failure> {
-    super::check_output(&args.output)?;
+    let path = super::destination(&args.input, &args.destination)?;
     if args.weld_tolerance.is_some() && !chosen(args).iter().any(|repair| matches!(repair, Repair::Weld(_))) {
         return Err(Failure::Usage("--weld-tolerance needs the repair 'weld' among --only".to_owned()));
     }
@@ -24,16 +25,32 @@ pub(crate) fn run(args: &RepairArgs) -> Result<(), Failure> {
     drop(spinner);
     session.checkpoint()?;
     if asset.triangle_count() == 0 {
-        return Err(Failure::about(&args.input, "no triangle is left after the repairs; nothing was written"));
+        let problem = "no triangle is left after the repairs, so nothing was written (choose fewer with --only)";
+        return Err(Failure::about(&args.input, problem));
     }
-    session.write(&asset, &args.output, &WriteOptions::default())?;
-    let done = Done { counts: total(&reports), remaining: remaining(&asset), triangles: asset.triangle_count() };
-    match args.common.json {
-        true => output::print_json(&done.json(args, &repairs))?,
-        false => output::print(&done.text(args))?,
+    let mut written = session.write(&asset, &path, &WriteOptions::default())?;
+    let mut warnings = std::mem::take(&mut asset.warnings);
+    warnings.append(&mut written.warnings);
+    let triangles = asset.triangle_count();
+    // what counts is what the next program finds, and readers join equal positions where a format says no more
+    let again = maille_io::read(&path, &ReadOptions::default()).unwrap_or(asset);
+    let done = Done {
+        input: &args.input,
+        files: written.files,
+        counts: total(&reports),
+        remaining: remaining(&again),
+        triangles,
+    };
+    if done.has_lost_cuts() {
+        session.warn(&path, &[LOST_CUTS.to_owned()]);
+        warnings.push(LOST_CUTS.to_owned());
     }
-    Ok(())
+    session.result(|| done.json(&repairs, &warnings), || done.text())
 }
+
+/// Why what was cut is not, in the file.
+const LOST_CUTS: &str = "the surface was cut where more than two sides meet, but in this format readers join vertices at \
+     equal positions again (.obj keeps them apart)";
 
 /// The repairs asked for, as the options name them.
 fn chosen(args: &RepairArgs) -> Vec<Repair> {
@@ -64,7 +81,7 @@ fn total(reports: &[RepairReport]) -> Vec<(&'static str, usize)> {
     sums.to_vec()
 }
 
-/// Defects of all meshes that are still there, and how many.
+/// Defects of all meshes of a file, and how many.
 fn remaining(asset: &Asset) -> Vec<(&'static str, usize)> {
     let mut sums: Vec<(&'static str, usize)> = Vec::new();
     for defect in asset.meshes.iter().flat_map(|named| diagnose(&named.mesh).defects()) {
@@ -77,33 +94,43 @@ fn remaining(asset: &Asset) -> Vec<(&'static str, usize)> {
 }
 
 /// What has been done, ready to be told.
-struct Done {
+struct Done<'a> {
+    input: &'a Path,
+    files: Vec<PathBuf>,
     counts: Vec<(&'static str, usize)>,
     remaining: Vec<(&'static str, usize)>,
     triangles: usize,
 }
 
-impl Done {
-    fn json(&self, args: &RepairArgs, repairs: &[Repair]) -> Value {
+impl Done<'_> {
+    /// Whether vertices were split that are one again in the file.
+    fn has_lost_cuts(&self) -> bool {
+        let has_split = self.counts.iter().any(|&(name, count)| name == "vertices_added" && count > 0);
+        has_split && self.remaining.iter().any(|(name, _)| name.starts_with("non-manifold"))
+    }
+
+    fn json(&self, repairs: &[Repair], warnings: &[String]) -> Value {
         let object = |pairs: &[(&'static str, usize)]| {
             pairs.iter().map(|&(name, count)| (name.to_owned(), count.into())).collect::<Map<String, Value>>()
         };
         json!({
-            "input": args.input.display().to_string(),
-            "output": args.output.display().to_string(),
+            "input": self.input.display().to_string(),
+            "output": self.files[0].display().to_string(),
+            "files": output::paths(&self.files),
             "repairs": repairs.iter().map(Repair::name).collect::<Vec<_>>(),
             "triangles": self.triangles,
             "changes": object(&self.counts),
             "remaining": object(&self.remaining),
+            "warnings": warnings,
         })
     }
 
-    fn text(&self, args: &RepairArgs) -> String {
+    fn text(&self) -> String {
         let mut listing = Listing::default();
         let changes: Vec<_> = self.counts.iter().filter(|(_, count)| *count > 0).collect();
         listing.heading(match changes.is_empty() {
-            true => format!("{}: nothing to repair", args.input.display()),
-            false => format!("{}: repaired", args.input.display()),
+            true => format!("{}: nothing to repair", self.input.display()),
+            false => format!("{}: repaired", self.input.display()),
         });
         for (name, count) in changes {
             listing.line(name.replace('_', " "), output::count(*count));
@@ -111,8 +138,8 @@ impl Done {
         for (name, count) in &self.remaining {
             listing.line("still there", format!("{} {name}", output::count(*count)));
         }
-        listing
-            .line("wrote", format!("{}, {} triangles", output::written(&args.output), output::count(self.triangles)));
+        let triangles = output::count(self.triangles);
+        listing.line("wrote", format!("{}, {triangles} triangles", output::written(&self.files)));
         listing.text()
     }
 }

@@ -14,6 +14,8 @@ use crate::session::Session;
 /// Smallest and largest number of triangles that can be asked for.
 const FEWEST: usize = 100;
 const MOST: usize = 100_000_000;
+/// How far the number may be from the one asked for without a word.
+const TOLERANCE: f64 = 0.25;
 
 pub(crate) fn run(args: &SampleArgs) -> Result<(), Failure> {
     match (&args.name, &args.output) {
@@ -38,17 +40,25 @@ fn make(args: &SampleArgs, name: &str, path: &Path) -> Result<(), Failure> {
     super::check_output(path)?;
     let session = Session::start(&args.common)?;
     let spinner = session.spinner(&format!("making the {name}"));
-    let asset = maille_io::sample(sample, args.triangles.unwrap_or(sample.default_triangles()).clamp(FEWEST, MOST));
+    let wanted = args.triangles.unwrap_or(sample.default_triangles());
+    let asset = maille_io::sample(sample, wanted.clamp(FEWEST, MOST));
     drop(spinner);
-    session.write(&asset, path, &WriteOptions::default())?;
-    if args.common.json {
-        return Ok(output::print_json(&json!({
+    let triangles = asset.triangle_count();
+    if args.triangles.is_some() && wanted.abs_diff(triangles) as f64 > TOLERANCE * wanted as f64 {
+        let (wanted, triangles) = (output::count(wanted), output::count(triangles));
+        session.note(&format!("{wanted} triangles are asked for, but the {name} is made of {triangles}"));
+    }
+    let written = session.write(&asset, path, &WriteOptions::default())?;
+    let json = || {
+        json!({
             "name": name,
             "output": path.display().to_string(),
-            "triangles": asset.triangle_count(),
+            "files": output::paths(&written.files),
+            "triangles": triangles,
             "vertices": asset.meshes.iter().map(|named| named.mesh.vertex_count()).sum::<usize>(),
-        }))?);
-    }
-    let triangles = output::count(asset.triangle_count());
-    Ok(output::print(&format!("wrote {}, {triangles} triangles\n", output::written(path)))?)
+            "warnings": written.warnings,
+        })
+    };
+    let text = || format!("wrote {}, {} triangles\n", output::written(&written.files), output::count(triangles));
+    session.result(json, text)
 }

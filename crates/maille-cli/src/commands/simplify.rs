@@ -1,11 +1,13 @@
 //! `maille simplify`
 
+use std::cmp::Reverse;
+use std::path::PathBuf;
 use std::time::Instant;
 
 use maille::simplify::{
     EdgePolicy, MetricKind, Order, PlacementKind, Refusals, SimplifyError, SimplifyOptions, Stop, TopologyPolicy,
 };
-use maille_io::{Asset, AssetOptions, AssetReport, ProcessError, WriteOptions, simplify_asset};
+use maille_io::{Asset, AssetOptions, AssetReport, ProcessError, WriteOptions, Written, simplify_asset};
 use serde_json::{Value, json};
 
 use crate::args::{Preset, SimplifyArgs};
@@ -15,7 +17,7 @@ use crate::session::Session;
 use crate::system;
 
 pub(crate) fn run(args: &SimplifyArgs) -> Result<(), Failure> {
-    super::check_output(&args.output)?;
+    let path = super::destination(&args.input, &args.destination)?;
     let session = Session::start(&args.common)?;
     let mut asset = session.read(&args.input)?;
     let diagonal = super::diagonal(&asset);
@@ -24,13 +26,9 @@ pub(crate) fn run(args: &SimplifyArgs) -> Result<(), Failure> {
     let report = simplify_asset(&mut asset, &options, session.control()).map_err(|error| refusal(args, &error))?;
     let seconds = start.elapsed().as_secs_f64();
     session.checkpoint()?;
-    session.write(&asset, &args.output, &WriteOptions::default())?;
-    let done = Done { report, seconds, diagonal, options: options.simplify };
-    match args.common.json {
-        true => output::print_json(&done.json(args, &session, &asset))?,
-        false => output::print(&done.text(args))?,
-    }
-    Ok(())
+    let written = session.write(&asset, &path, &WriteOptions::default())?;
+    let done = Done { report, seconds, diagonal, options: options.simplify, path, written };
+    session.result(|| done.json(args, &session, &asset), || done.text(args))
 }
 
 /// What the options mean for this asset.
@@ -115,6 +113,15 @@ struct Done {
     seconds: f64,
     diagonal: f64,
     options: SimplifyOptions,
+    path: PathBuf,
+    written: Written,
+}
+
+/// A constraint that refused collapses.
+struct Barrier {
+    refused: u64,
+    what: String,
+    remedy: String,
 }
 
 impl Done {
@@ -122,7 +129,8 @@ impl Done {
         let report = &self.report;
         json!({
             "input": args.input.display().to_string(),
-            "output": args.output.display().to_string(),
+            "output": self.path.display().to_string(),
+            "files": output::paths(&self.written.files),
             "triangles_in": report.triangles_in,
             "triangles_out": report.triangles_out,
             "seconds": self.seconds,
@@ -137,7 +145,7 @@ impl Done {
             "metric": name_of(&MetricKind::NAMES, &self.options.metric),
             "placement": name_of(&PlacementKind::NAMES, &self.options.placement),
             "meshes": report.meshes.len(),
-            "warnings": asset.warnings,
+            "warnings": ([&asset.warnings[..], &self.written.warnings[..]].concat()),
         })
     }
 
@@ -149,19 +157,53 @@ impl Done {
         listing.line("time", output::seconds(self.seconds));
         listing.line("stopped", explanation(report.stopped));
         listing.line("error", format!("{}, as the metric estimates", output::distance(report.error, self.diagonal)));
-        let refused = refusals(&report.refused).into_iter().filter(|(_, n)| *n != 0);
-        let refused: Vec<String> = refused.map(|(name, n)| format!("{name} {n}")).collect();
+        let barriers = self.barriers();
+        let refused: Vec<String> =
+            barriers.iter().map(|b| format!("{} {}", output::count(b.refused), b.what)).collect();
         if !refused.is_empty() {
-            listing.line("refused", refused.join(", "));
+            listing.line("refused", format!("collapses: {}", refused.join(", ")));
         }
-        if report.stopped == Stop::NoLegalCollapse
-            && let Some(remedy) = remedy(&report.refused)
-        {
-            listing.line("remedy", remedy);
+        if report.stopped == Stop::NoLegalCollapse {
+            barriers.iter().for_each(|barrier| listing.line("remedy", barrier.remedy.clone()));
         }
-        listing.line("wrote", output::written(&args.output));
-        listing.line("measure", format!("maille compare {} {}", args.input.display(), args.output.display()));
+        listing.line("wrote", output::written(&self.written.files));
+        if !args.destination.in_place {
+            listing.line("measure", format!("maille compare {} {}", args.input.display(), self.path.display()));
+        }
         listing.text()
+    }
+
+    /// What refused collapses, the most first, in words, with the option that relaxes it.
+    fn barriers(&self) -> Vec<Barrier> {
+        let refused = &self.report.refused;
+        let barrier = |refused, what: &str, remedy: &str| Barrier { refused, what: what.into(), remedy: remedy.into() };
+        let (preserved, relaxed) = self.edges_under(EdgePolicy::Preserve);
+        let (_, unlocked) = self.edges_under(EdgePolicy::Lock);
+        let unlocked = if unlocked.is_empty() { "fewer vertices under --lock".to_owned() } else { unlocked };
+        let all = [
+            barrier(refused.topology, "for the topology", "--topology free, or --preset aggressive"),
+            barrier(refused.fold_over, "for fold-over", "a larger --max-normal-turn, or --preset aggressive"),
+            barrier(refused.border, &format!("that would tear {preserved}"), &relaxed),
+            barrier(refused.locked, "between locked vertices", &unlocked),
+            barrier(refused.valence, "for the valence", "a wider --valence"),
+            barrier(refused.quality, "for the quality of triangles", "a lower --min-quality"),
+        ];
+        let mut found: Vec<Barrier> = all.into_iter().filter(|barrier| barrier.refused > 0).collect();
+        found.sort_by_key(|barrier| Reverse(barrier.refused));
+        found
+    }
+
+    /// The edges that a policy is for, in words, and the options that relax it.
+    fn edges_under(&self, wanted: EdgePolicy) -> (String, String) {
+        let policies = [
+            (self.options.boundary, "open borders", "--boundary"),
+            (self.options.seams, "seams", "--seams"),
+            (self.options.material_borders, "material borders", "--material-borders"),
+        ];
+        let chosen = policies.into_iter().filter(|(policy, ..)| *policy == wanted);
+        let (edges, options): (Vec<&str>, Vec<String>) =
+            chosen.map(|(_, edges, option)| (edges, format!("{option} hold (or free)"))).unzip();
+        (edges.join(", "), options.join(", "))
     }
 }
 
@@ -175,19 +217,6 @@ fn refusals(refused: &Refusals) -> [(String, Value); 6] {
         ("quality", refused.quality),
     ]
     .map(|(name, n)| (name.to_owned(), n.into()))
-}
-
-/// The option that relaxes what refused the most.
-fn remedy(refused: &Refusals) -> Option<&'static str> {
-    let relaxing = [
-        (refused.topology, "--topology free, or --preset aggressive"),
-        (refused.fold_over, "a larger --max-normal-turn, or --preset aggressive"),
-        (refused.border, "--boundary, --seams or --material-borders with hold or free"),
-        (refused.locked, "fewer locks"),
-        (refused.valence, "a wider --valence"),
-        (refused.quality, "a lower --min-quality"),
-    ];
-    relaxing.into_iter().filter(|(count, _)| *count > 0).max_by_key(|(count, _)| *count).map(|(_, option)| option)
 }
 
 fn stop_name(stop: Stop) -> &'static str {

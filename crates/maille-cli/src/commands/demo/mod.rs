@@ -32,7 +32,7 @@ const HOTTEST: f64 = 1e-2;
 
 pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
     let session = Session::start(&args.common)?;
-    std::fs::create_dir_all(&args.output).map_err(|error| Failure::writing(&args.output, error))?;
+    super::make_folder(&args.output)?;
     let start = Instant::now();
     let studio = Studio::new(&session)?;
     let name = "statue.glb";
@@ -48,14 +48,14 @@ pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
     let path = args.output.join("report.html");
     session.write_bytes(report.html().as_bytes(), &path)?;
     let seconds = start.elapsed().as_secs_f64();
-    if args.common.json {
-        return Ok(output::print_json(&json!({
+    let json = || {
+        json!({
             "report": path.display().to_string(),
             "seconds": seconds,
             "levels": levels.iter().map(Level::json).collect::<Vec<_>>(),
-        }))?);
-    }
-    Ok(output::print(&summary(&levels, &path, seconds))?)
+        })
+    };
+    session.result(json, || summary(&levels, &path, seconds))
 }
 
 fn summary(levels: &[Level], path: &Path, seconds: f64) -> String {
