@@ -228,6 +228,33 @@ fn what_a_format_cannot_hold_is_told() {
 }
 
 #[test]
+fn info_measures_where_meshes_stand() {
+    let folder = Folder::new();
+    let mut cube = Asset::from_mesh("cube", shapes::cube());
+    cube.instances[0].transform = glam::DMat4::from_scale(glam::DVec3::splat(10.0));
+    cube.instances.push(cube.instances[0].clone());
+    maille_io::write(&cube, &folder.path("a.glb"), &WriteOptions::default()).expect("the cubes can be written");
+    let info = folder.json(&["info", "a.glb"]);
+    let own = |key: &str| info["meshes"][0][key].as_f64().unwrap_or(f64::NAN);
+    let world = |key: &str| info[key].as_f64().unwrap_or(f64::NAN);
+    assert!((world("area") / own("area") - 200.0).abs() < 1e-6, "{info}");
+    assert!((world("volume") / own("volume") - 2000.0).abs() < 1e-6, "{info}");
+    let text = folder.done(&["info", "a.glb"]).stdout;
+    assert!(text.contains("in its units"), "{text}");
+    folder.done(&["convert", "a.glb", "-o", "a.ply"]);
+    assert_eq!(folder.json(&["info", "a.ply"])["area"], info["area"]);
+}
+
+#[test]
+fn info_tells_what_reading_left_out() {
+    let folder = Folder::new();
+    folder.file("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv nan 0 1\nf 1 2 3\nf 1 2 4\n");
+    let run = folder.done(&["info", "a.obj"]);
+    assert!(run.stdout.contains("1 vertices have coordinates that are not finite"), "{}", run.stdout);
+    assert_eq!(run.stderr, "");
+}
+
+#[test]
 fn repair_tells_what_the_file_still_has_when_it_is_read() {
     let folder = Folder::new();
     // two tetrahedra that touch at a corner

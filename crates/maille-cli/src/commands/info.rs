@@ -1,6 +1,8 @@
 //! `maille info`
 
-use glam::{DMat4, Vec3};
+use std::borrow::Cow;
+
+use glam::Vec3;
 use maille::measure::{area, volume};
 use maille::mesh::Values;
 use maille::repair::{Diagnosis, diagnose};
@@ -15,21 +17,22 @@ use crate::session::Session;
 
 pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
     let session = Session::start(&args.common)?;
-    let asset = session.read(&args.file)?;
+    let asset = session.open(&args.file)?;
+    let drawn = asset.flattened();
     let facts = Facts {
         file: args.file.display().to_string(),
         bytes: std::fs::metadata(&args.file).map_or(0, |meta| meta.len()),
         format: maille_io::detect(&args.file)?,
         meshes: asset.meshes.iter().map(|named| MeshFacts::of(&named.name, &named.mesh)).collect(),
-        bounds: asset.flattened().bounds(),
+        bounds: drawn.bounds(),
+        area: area(&drawn),
+        volume: volume(&drawn),
+        // only then it costs nothing to bring all that is drawn together
+        is_drawn_as_is: matches!(drawn, Cow::Borrowed(_)) && asset.meshes.len() == 1 && asset.instances.len() == 1,
         asset: &asset,
     };
     session.checkpoint()?;
-    match args.common.json {
-        true => output::print_json(&facts.json())?,
-        false => output::print(&facts.text())?,
-    }
-    Ok(())
+    session.result(|| facts.json(), || facts.text())
 }
 
 /// What there is to tell of a file.
@@ -39,10 +42,15 @@ struct Facts<'a> {
     format: Format,
     asset: &'a Asset,
     meshes: Vec<MeshFacts<'a>>,
+    /// Of all that is drawn, posed at rest, like the next two.
     bounds: Option<([f32; 3], [f32; 3])>,
+    area: f64,
+    volume: f64,
+    /// Whether that is one mesh where it stands.
+    is_drawn_as_is: bool,
 }
 
-/// What there is to tell of a mesh.
+/// What there is to tell of a mesh, in its own units.
 struct MeshFacts<'a> {
     name: &'a str,
     mesh: &'a Mesh,
@@ -104,7 +112,8 @@ impl<'a> MeshFacts<'a> {
         })
     }
 
-    fn describe(&self, listing: &mut Listing, index: usize) {
+    /// Area and volume are told only where they are not those of the whole file.
+    fn describe(&self, listing: &mut Listing, index: usize, is_whole_file: bool) {
         let mesh = self.mesh;
         let name = if self.name.is_empty() { String::new() } else { format!(" '{}'", self.name) };
         listing.heading(format!("mesh {index}{name}"));
@@ -128,8 +137,12 @@ impl<'a> MeshFacts<'a> {
             let targets: Vec<String> = mesh.morph_targets.iter().map(|target| target.name.clone()).collect();
             listing.line("morph targets", format!("{} {}", targets.len(), names(&targets)));
         }
-        listing.line("area", output::number(self.area));
         listing.line("surface", self.surface());
+        if !is_whole_file {
+            let volume =
+                if self.diagnosis.closed { format!(", volume {}", output::number(self.volume)) } else { String::new() };
+            listing.line("in its units", format!("area {}{volume}", output::number(self.area)));
+        }
         for defect in self.diagnosis.defects() {
             let remedy = defect.remedy.map_or(String::new(), |remedy| format!(" (repair: {})", remedy.name()));
             listing.line("defect", format!("{} {}{remedy}", count(defect.count), defect.name));
@@ -139,7 +152,7 @@ impl<'a> MeshFacts<'a> {
     fn surface(&self) -> String {
         let d = &self.diagnosis;
         let mut parts = vec![match d.closed {
-            true => format!("closed, volume {}", output::number(self.volume)),
+            true => "closed".to_owned(),
             false => format!("open, {}", plural(d.boundary_loops, "boundary loop")),
         }];
         parts.push(if d.is_manifold() { "manifold".to_owned() } else { "not manifold".to_owned() });
@@ -184,6 +197,8 @@ impl Facts<'_> {
             "drawn_triangles": self.drawn_triangles(),
             "bounds": bounds_json(self.bounds),
             "diagonal": self.diagonal(),
+            "area": self.area,
+            "volume": self.volume,
             "contents": contents,
             "meshes": self.meshes.iter().map(MeshFacts::json).collect::<Vec<_>>(),
             "warnings": self.asset.warnings,
@@ -194,7 +209,7 @@ impl Facts<'_> {
         let mut listing = Listing::default();
         listing.heading(format!("{}: {}, {}", self.file, super::format_name(self.format), output::bytes(self.bytes)));
         let count = |n: usize| output::count(n);
-        let drawn = match self.is_drawn_as_is() {
+        let drawn = match self.is_drawn_as_is {
             true => String::new(),
             false => format!(
                 ", {} drawn in {}",
@@ -211,13 +226,18 @@ impl Facts<'_> {
             let corner = |p: [f32; 3]| p.map(|x| output::number(f64::from(x))).join(", ");
             listing.line("bounds", format!("({}) to ({})", corner(low), corner(high)));
             listing.line("diagonal", output::number(self.diagonal()));
+            listing.line("area", output::number(self.area));
         }
-        self.meshes.iter().enumerate().for_each(|(index, mesh)| mesh.describe(&mut listing, index));
+        if self.meshes.iter().all(|mesh| mesh.diagnosis.closed) {
+            listing.line("volume", output::number(self.volume));
+        }
+        for warning in &self.asset.warnings {
+            listing.line("warning", warning);
+        }
+        for (index, mesh) in self.meshes.iter().enumerate() {
+            mesh.describe(&mut listing, index, self.is_drawn_as_is);
+        }
         listing.text()
-    }
-
-    fn is_drawn_as_is(&self) -> bool {
-        matches!(&self.asset.instances[..], [only] if only.transform == DMat4::IDENTITY) && self.meshes.len() == 1
     }
 }
 
