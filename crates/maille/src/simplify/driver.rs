@@ -15,20 +15,20 @@ use crate::topology::{CollapseMesh, EdgeStar};
 
 /// Sees every collapse just before it is made.
 pub trait Observer {
-    /// `mesh` is as it was before the collapse.
-    fn on_collapse(&mut self, mesh: &CollapseMesh, collapse: &Collapse<'_>);
+    /// A collapse is about to be made.
+    fn on_collapse(&mut self, collapse: &Collapse<'_>);
 }
 
 /// Sees nothing.
 impl Observer for () {
-    fn on_collapse(&mut self, _: &CollapseMesh, _: &Collapse<'_>) {}
+    fn on_collapse(&mut self, _: &Collapse<'_>) {}
 }
 
 /// Both see everything.
 impl<A: Observer, B: Observer> Observer for (A, B) {
-    fn on_collapse(&mut self, mesh: &CollapseMesh, collapse: &Collapse<'_>) {
-        self.0.on_collapse(mesh, collapse);
-        self.1.on_collapse(mesh, collapse);
+    fn on_collapse(&mut self, collapse: &Collapse<'_>) {
+        self.0.on_collapse(collapse);
+        self.1.on_collapse(collapse);
     }
 }
 
@@ -321,7 +321,7 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
             self.outcome.refused.locked += 1;
             return false;
         }
-        self.observer.on_collapse(self.mesh, &collapse);
+        self.observer.on_collapse(&collapse);
         self.outcome.collapses += 1;
         self.outcome.error = self.outcome.error.max(error);
         self.mesh.collapse(&star, position, &mut self.marks, &mut self.effect);

@@ -2,14 +2,14 @@
 
 use super::metric::Anchor;
 use super::options::{EdgePolicy, SimplifyOptions};
-use crate::mesh::{Attribute, Mesh, Semantic, Values};
+use super::wedges::WedgeMerger;
+use crate::mesh::{Attribute, Values};
 use crate::topology::CollapseMesh;
 use crate::topology::collapse_mesh::CollapseEffect;
 
 /// Open border, or an edge of three faces and more.
 const BORDER: u8 = 1;
-/// The texture coordinates, the colour or another wedge attribute jump here. Normals do not count: what is flat-shaded
-/// has creases everywhere, and quadrics keep sharp edges by themselves.
+/// The texture coordinates, the colour or another wedge attribute jump here ([`WedgeMerger::jump_between`]).
 const SEAM: u8 = 2;
 /// Between two materials.
 const MATERIAL: u8 = 4;
@@ -55,10 +55,10 @@ pub struct Features {
 }
 
 impl Features {
-    /// Finds the features of a mesh that the options want preserved or locked. `faces` has the edges and must have
-    /// been built from `mesh`.
-    pub fn new(mesh: &Mesh, faces: &CollapseMesh, options: &SimplifyOptions) -> Self {
-        let flags = edge_flags(mesh, faces, options);
+    /// Finds the features of a mesh that the options want preserved or locked. `faces` has the edges, `wedges` what may
+    /// jump at them.
+    pub fn new(wedges: &WedgeMerger<'_>, faces: &CollapseMesh, options: &SimplifyOptions) -> Self {
+        let flags = edge_flags(wedges, faces, options);
         let any = flags.iter().any(|&f| f != 0);
         if !any && !options.locked.contains(&true) {
             return Self::default();
@@ -135,12 +135,11 @@ impl Features {
     }
 }
 
-fn edge_flags(mesh: &Mesh, faces: &CollapseMesh, options: &SimplifyOptions) -> Vec<u8> {
+fn edge_flags(wedges: &WedgeMerger<'_>, faces: &CollapseMesh, options: &SimplifyOptions) -> Vec<u8> {
     let wanted = |policy: EdgePolicy, flag: u8| if policy == EdgePolicy::Free { 0 } else { flag };
     let border = wanted(options.boundary, BORDER);
-    let has_wedges = mesh.wedge_count() != faces.vertex_count();
-    let seam = if has_wedges { wanted(options.seams, SEAM) } else { 0 };
-    let material = if mesh.triangle_materials.is_empty() { 0 } else { wanted(options.material_borders, MATERIAL) };
+    let seam = if wedges.have_seams() { wanted(options.seams, SEAM) } else { 0 };
+    let material = if wedges.have_materials() { wanted(options.material_borders, MATERIAL) } else { 0 };
     let mut flags = vec![PAIR; faces.edge_count()];
     let mut count = vec![0_u8; if border != 0 { faces.edge_count() } else { 0 }];
     let mut first = vec![u32::MAX; if seam | material != 0 { faces.edge_count() } else { 0 }];
@@ -159,10 +158,10 @@ fn edge_flags(mesh: &Mesh, faces: &CollapseMesh, options: &SimplifyOptions) -> V
                 continue;
             }
             let (other, j) = ((other / 4) as usize, (other % 4) as usize);
-            if material != 0 && mesh.triangle_material(face) != mesh.triangle_material(other) {
+            if material != 0 && wedges.material(face) != wedges.material(other) {
                 flags[edge] |= material;
             }
-            if seam != 0 && jumps(mesh, (face, k), (other, j)) {
+            if seam != 0 && jumps(wedges, faces, (face, k), (other, j)) {
                 flags[edge] |= seam;
             }
         }
@@ -177,19 +176,12 @@ fn edge_flags(mesh: &Mesh, faces: &CollapseMesh, options: &SimplifyOptions) -> V
 
 /// Whether wedge attributes other than normals and tangents differ across the edge opposite to corner k of one
 /// triangle and corner j of another.
-fn jumps(mesh: &Mesh, (one, k): (usize, usize), (other, j): (usize, usize)) -> bool {
-    let (s, t) = (mesh.triangles[one], mesh.triangles[other]);
-    let [a, b] = [s[(k + 1) % 3], s[(k + 2) % 3]];
-    let vertex = |wedge: u32| mesh.wedge_vertices[wedge as usize];
-    let across = |wedge: u32| {
-        [t[(j + 1) % 3], t[(j + 2) % 3]].into_iter().find(|&w| vertex(w) == vertex(wedge)).unwrap_or(wedge)
-    };
-    [a, b].into_iter().any(|w| across(w) != w && !same_values(mesh, w, across(w)))
-}
-
-fn same_values(mesh: &Mesh, v: u32, w: u32) -> bool {
-    let counts = |a: &&Attribute| !matches!(a.semantic, Semantic::Normal | Semantic::Tangent);
-    mesh.wedge_attributes.iter().filter(counts).all(|a| same_value(a, v, w))
+fn jumps(wedges: &WedgeMerger<'_>, faces: &CollapseMesh, (one, k): (usize, usize), (other, j): (usize, usize)) -> bool {
+    let (Some(s), Some(t)) = (faces.face(one), faces.face(other)) else { return false };
+    [(k + 1) % 3, (k + 2) % 3].into_iter().any(|near| {
+        let far = [(j + 1) % 3, (j + 2) % 3].into_iter().find(|&far| t[far] == s[near]);
+        far.is_some_and(|far| wedges.jump_between((one, near), (other, far)))
+    })
 }
 
 /// Whether two elements of an attribute are equal.

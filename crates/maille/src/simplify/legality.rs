@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::options::{Refusals, TopologyPolicy};
 use crate::topology::EdgeStar;
-use crate::topology::collapse_mesh::{CollapseMesh, Marks, RingFace};
+use crate::topology::collapse_mesh::{CollapseMesh, Frame, Marks, RingFace};
 
 /// Which tests are made.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,7 +45,7 @@ impl Limits {
         marks: &mut Marks,
         refused: &mut Refusals,
     ) -> bool {
-        let counter = if self.min_normal_cos.is_some_and(|cos| folds_over(mesh, collapse, cos)) {
+        let counter = if self.folds_over(mesh.frame(), collapse, |v| mesh.point(v)) {
             &mut refused.fold_over
         } else if !keeps_topology(&collapse.star, self.topology, self.parts_may_go, marks) {
             &mut refused.topology
@@ -58,6 +58,26 @@ impl Limits {
         };
         *counter += 1;
         false
+    }
+
+    /// Whether the normal of a face turns by more than it may.
+    #[inline]
+    pub(super) fn folds_over(&self, frame: &Frame, collapse: &Collapse<'_>, point: impl Fn(u32) -> DVec3) -> bool {
+        let Some(min_cos) = self.min_normal_cos else { return false };
+        let target = frame.enter(collapse.position);
+        [(collapse.star.kept, collapse.star.kept_ring), (collapse.star.removed, collapse.star.removed_ring)]
+            .into_iter()
+            .any(|(v, ring)| {
+                let p = point(v);
+                ring.iter().filter(|face| !collapse.star.kills(face)).any(|face| {
+                    let (x, y) = (point(face.x), point(face.y));
+                    let before = (x - p).cross(y - p);
+                    let after = (x - target).cross(y - target);
+                    // a face without area has no normal: before, there is none to keep; after, that is no good
+                    let lengths = (before.length_squared() * after.length_squared()).sqrt();
+                    before != DVec3::ZERO && before.dot(after) <= min_cos * lengths
+                })
+            })
     }
 }
 
@@ -130,23 +150,6 @@ fn keeps_topology(star: &EdgeStar<'_>, policy: TopologyPolicy, parts_may_go: boo
 fn is_on_border(ring: &[RingFace]) -> bool {
     let mixed = |edge: u32| (u64::from(edge) + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     ring.iter().fold(0, |all, face| all ^ mixed(face.edge_x) ^ mixed(face.edge_y)) != 0
-}
-
-fn folds_over(mesh: &CollapseMesh, collapse: &Collapse<'_>, min_cos: f64) -> bool {
-    let target = mesh.frame().enter(collapse.position);
-    [(collapse.star.kept, collapse.star.kept_ring), (collapse.star.removed, collapse.star.removed_ring)]
-        .into_iter()
-        .any(|(v, ring)| {
-            let p = mesh.point(v);
-            ring.iter().filter(|face| !collapse.star.kills(face)).any(|face| {
-                let (x, y) = (mesh.point(face.x), mesh.point(face.y));
-                let before = (x - p).cross(y - p);
-                let after = (x - target).cross(y - target);
-                // a face without area has no normal: before, there is none to keep; after, that is no good
-                let lengths = (before.length_squared() * after.length_squared()).sqrt();
-                before != DVec3::ZERO && before.dot(after) <= min_cos * lengths
-            })
-        })
 }
 
 fn leaves_valence(mesh: &CollapseMesh, collapse: &Collapse<'_>, marks: &mut Marks, (low, high): (u32, u32)) -> bool {

@@ -151,14 +151,14 @@ pub struct QuadricOptions {
 /// them looks cheap. Costs that remember prevent that.
 #[derive(Debug)]
 pub struct QuadricMetric {
-    options: QuadricOptions,
-    /// Of each vertex, what it is placed by.
-    quadrics: Vec<Quadric>,
-    /// Of each vertex, the sum of all that it has merged with; empty unless both kinds are wanted.
-    summed: Vec<Quadric>,
+    pub(super) options: QuadricOptions,
+    /// Of each vertex, the planes of the faces around it as they are now; empty where quadrics are only summed.
+    rebuilt: Vec<Quadric>,
+    /// Of each vertex, the sum of all that it has merged with; empty where quadrics are only rebuilt.
+    pub(super) sums: Vec<Quadric>,
     /// Squared distance from the original that the vertices have gone: what memoryless quadrics do not know. Steps add
     /// up like independent errors. Empty where sums are kept.
-    drift_sq: Vec<f32>,
+    pub(super) drift_sq: Vec<f32>,
     /// Used up, quadrics at vertices of very many faces stay as they are.
     patience: Patience,
 }
@@ -181,46 +181,127 @@ const REACH: f64 = 2.0;
 impl QuadricMetric {
     /// A metric without quadrics yet: [`Metric::prepare`] makes them.
     pub fn new(options: QuadricOptions) -> Self {
-        Self { options, quadrics: Vec::new(), summed: Vec::new(), drift_sq: Vec::new(), patience: Patience::default() }
+        Self { options, rebuilt: Vec::new(), sums: Vec::new(), drift_sq: Vec::new(), patience: Patience::default() }
     }
 
     /// The quadric of a vertex from the faces around it, and how many they are.
     fn quadric_of(&self, mesh: &CollapseMesh, vertex: u32, features: &Features) -> (Quadric, usize) {
         let p = mesh.point(vertex);
-        let constraint = self.options.constraint.filter(|_| features.touches(vertex));
-        let (mut sum, mut faces) = (Quadric::default(), 0);
+        let mut faces = 0;
+        let planes = self.options.planes(
+            p,
+            mesh.faces_around(vertex).inspect(|_| faces += 1).map(|face| [mesh.point(face.x), mesh.point(face.y)]),
+        );
+        (planes + self.constraint_planes(mesh, vertex, features), faces)
+    }
+
+    /// Planes through the features at a vertex, upright on the surface.
+    fn constraint_planes(&self, mesh: &CollapseMesh, vertex: u32, features: &Features) -> Quadric {
+        let mut sum = Quadric::default();
+        let Some(constraint) = self.options.constraint.filter(|_| features.touches(vertex)) else { return sum };
+        let p = mesh.point(vertex);
         for face in mesh.faces_around(vertex) {
-            faces += 1;
             let (to_x, to_y) = (mesh.point(face.x) - p, mesh.point(face.y) - p);
+            let scaled_normal = to_x.cross(to_y);
+            let edges = [(face.edge_x, to_x), (face.edge_y, to_y)];
+            for (_, along) in edges.into_iter().filter(|&(edge, _)| features.is_feature(edge)) {
+                if let Some(across) = scaled_normal.cross(along).try_normalize() {
+                    sum += Quadric::plane(across, p, constraint * along.length_squared());
+                }
+            }
+        }
+        sum
+    }
+
+    /// The larger drift of two vertices.
+    #[inline]
+    pub(super) fn drift_sq_of(&self, vertices: [u32; 2]) -> f64 {
+        let [a, b] = vertices.map(|v| self.drift_sq.get(v as usize).copied().unwrap_or(0.0));
+        f64::from(a.max(b))
+    }
+}
+
+impl QuadricOptions {
+    /// The quadric of the planes of the faces around p; each face is given by its two other corners.
+    #[inline]
+    pub(super) fn planes(&self, p: DVec3, faces: impl Iterator<Item = [DVec3; 2]>) -> Quadric {
+        let mut sum = Quadric::default();
+        for [x, y] in faces {
+            let (to_x, to_y) = (x - p, y - p);
             let scaled_normal = to_x.cross(to_y);
             let length = scaled_normal.length();
             if length <= 0.0 {
                 continue;
             }
-            let normal = scaled_normal / length;
-            let weight = match self.options.weight {
+            let weight = match self.weight {
                 QuadricWeight::Uniform => 1.0,
                 QuadricWeight::Area => length / 2.0,
                 QuadricWeight::Angle => to_x.angle_between(to_y),
             };
-            sum += Quadric::plane(normal, p, weight);
-            if let Some(constraint) = constraint {
-                let edges = [(face.edge_x, to_x), (face.edge_y, to_y)];
-                for (_, along) in edges.into_iter().filter(|&(edge, _)| features.is_feature(edge)) {
-                    if let Some(across) = normal.cross(along).try_normalize() {
-                        sum += Quadric::plane(across, p, constraint * along.length_squared());
-                    }
-                }
-            }
+            sum += Quadric::plane(scaled_normal / length, p, weight);
         }
-        (sum, faces)
+        sum
     }
 
-    /// The larger drift of two vertices.
+    /// The quadrics of the plane of a face for each of its corners.
     #[inline]
-    fn drift_sq_of(&self, vertices: [u32; 2]) -> f64 {
-        let [a, b] = vertices.map(|v| self.drift_sq.get(v as usize).copied().unwrap_or(0.0));
-        f64::from(a.max(b))
+    pub(super) fn face_planes(&self, [a, b, c]: [DVec3; 3]) -> [Quadric; 3] {
+        let scaled_normal = (b - a).cross(c - a);
+        let length = scaled_normal.length();
+        if length <= 0.0 {
+            return [Quadric::default(); 3];
+        }
+        let normal = scaled_normal / length;
+        match self.weight {
+            QuadricWeight::Uniform => [Quadric::plane(normal, a, 1.0); 3],
+            QuadricWeight::Area => [Quadric::plane(normal, a, length / 2.0); 3],
+            QuadricWeight::Angle => [[a, b, c], [b, c, a], [c, a, b]]
+                .map(|[p, x, y]| Quadric::plane(normal, p, (x - p).angle_between(y - p))),
+        }
+    }
+
+    /// Placement and cost of a collapse: `placing` places, and where `summed` is given, too, it counts in the cost.
+    #[inline(always)] // what it is called with lies in registers then: a fifth fewer instructions
+    pub(super) fn candidate(
+        &self,
+        placing: &Quadric,
+        summed: Option<&Quadric>,
+        drift_sq: f64,
+        edge: &EdgeContext,
+    ) -> Candidate {
+        let (position, squared) = self.place(placing, edge);
+        let mut squared = squared.max(0.0);
+        let mut error_sq = mean(squared, placing.weight) + drift_sq;
+        let shortness = SHORTNESS * edge.points[0].distance_squared(edge.points[1]);
+        if let Some(all) = summed {
+            let remembered = all.at(position).max(0.0);
+            error_sq = error_sq.max(mean(remembered, all.weight));
+            squared += remembered;
+        }
+        let cost = if self.normalized { error_sq + shortness } else { squared + shortness * placing.weight };
+        Candidate { cost, error_sq, position }
+    }
+
+    /// The placement that keeps the volume under the surface, where that is wanted and does not cost much more. `faces`
+    /// are the faces around the edge, each once: the end that they are at, and their other corners.
+    #[inline]
+    pub(super) fn refine(
+        &self,
+        placing: &Quadric,
+        edge: &EdgeContext,
+        position: DVec3,
+        faces: impl Iterator<Item = (usize, [DVec3; 2])>,
+    ) -> DVec3 {
+        let [a, b] = edge.points;
+        let keeps_end = position == a || position == b;
+        if self.placement != PlacementKind::OptimalVolume || edge.anchor != Anchor::Free || keeps_end {
+            return position;
+        }
+        let middle = (a + b) / 2.0;
+        let (flux, level) = volume_plane(edge, middle, faces);
+        let most = VOLUME_PRICE * placing.at(position) + FLAT * FLAT * placing.weight;
+        let fair = |p: &DVec3| is_near(*p, edge) && placing.at(*p) <= most;
+        placing.minimize_on_plane(middle, flux, level).filter(fair).unwrap_or(position)
     }
 
     /// Where the merged vertex goes, and the value of the quadric there.
@@ -232,7 +313,7 @@ impl QuadricMetric {
             let [a, b] = [with_value(a), with_value(b)];
             if b.1 < a.1 { b } else { a }
         };
-        match (edge.anchor, self.options.placement) {
+        match (edge.anchor, self.placement) {
             (Anchor::First, _) => with_value(a),
             (Anchor::Second, _) => with_value(b),
             (Anchor::Free, PlacementKind::Subset) => better_end(),
@@ -262,6 +343,23 @@ fn mean(squared: f64, weight: f64) -> f64 {
     if weight > 0.0 { squared / weight } else { 0.0 }
 }
 
+/// Squared drift of a merged vertex at p, from the larger drift of its two and the planes that placed it.
+pub(super) fn drift_after(placing: &Quadric, p: DVec3, drift_sq: f64) -> f32 {
+    (mean(placing.at(p).max(0.0), placing.weight) + drift_sq) as f32
+}
+
+/// The faces around an edge, each once: the end that they are at, and their other corners.
+#[inline]
+pub(super) fn faces_of_star<'a>(
+    ends: [u32; 2],
+    rings: [&'a [RingFace]; 2],
+    point: impl Fn(u32) -> DVec3 + 'a,
+) -> impl Iterator<Item = (usize, [DVec3; 2])> + 'a {
+    let second = rings[1].iter().filter(move |face| face.x != ends[0] && face.y != ends[0]).map(|face| (1, face));
+    let all = rings[0].iter().map(|face| (0, face)).chain(second);
+    all.map(move |(end, face)| (end, [point(face.x), point(face.y)]))
+}
+
 /// Whether a placement is within [`REACH`] of an edge.
 fn is_near(p: DVec3, edge: &EdgeContext) -> bool {
     let [a, b] = edge.points;
@@ -270,83 +368,71 @@ fn is_near(p: DVec3, edge: &EdgeContext) -> bool {
 
 /// The points `flux . p = level` at which the faces around an edge, pulled together there, enclose the volume that they
 /// enclose now: each face (a, x, y) spans `(x - a) x (y - a) . p / 6` with a point p.
-fn volume_plane(mesh: &CollapseMesh, edge: &EdgeContext, origin: DVec3, rings: [&[RingFace]; 2]) -> (DVec3, f64) {
+fn volume_plane(edge: &EdgeContext, origin: DVec3, faces: impl Iterator<Item = (usize, [DVec3; 2])>) -> (DVec3, f64) {
     let (mut flux, mut level) = (DVec3::ZERO, 0.0);
-    for (end, (ring, p)) in rings.into_iter().zip(edge.points).enumerate() {
-        // faces at both ends are in both rings: they count once
-        let counts = |face: &&RingFace| end == 0 || (face.x != edge.ends[0] && face.y != edge.ends[0]);
-        for face in ring.iter().filter(counts) {
-            let normal = (mesh.point(face.x) - p).cross(mesh.point(face.y) - p);
-            flux += normal;
-            level += normal.dot(p - origin);
-        }
+    for (end, [x, y]) in faces {
+        let p = edge.points[end];
+        let normal = (x - p).cross(y - p);
+        flux += normal;
+        level += normal.dot(p - origin);
     }
     (flux, level + flux.dot(origin))
 }
 
 impl Metric for QuadricMetric {
     fn prepare(&mut self, mesh: &CollapseMesh, features: &Features) {
-        let quadrics = (0..mesh.vertex_count() as u32).into_par_iter().map(|v| self.quadric_of(mesh, v, features).0);
-        self.quadrics = quadrics.collect();
         self.patience = Patience::new(mesh);
-        match self.options.memory {
-            QuadricMemory::Summed => {}
-            QuadricMemory::Rebuilt => self.drift_sq = vec![0.0; self.quadrics.len()],
-            QuadricMemory::Both => self.summed = self.quadrics.clone(),
+        let vertices = 0..mesh.vertex_count() as u32;
+        if self.options.memory != QuadricMemory::Rebuilt {
+            self.sums = if self.sums.is_empty() {
+                vertices.clone().into_par_iter().map(|v| self.quadric_of(mesh, v, features).0).collect()
+            } else {
+                // what passes have left: planes of faces alone
+                let sum = |v: u32| self.sums[v as usize] + self.constraint_planes(mesh, v, features);
+                vertices.clone().into_par_iter().map(sum).collect()
+            };
+        }
+        if self.options.memory == QuadricMemory::Rebuilt && self.drift_sq.is_empty() {
+            self.drift_sq = vec![0.0; mesh.vertex_count()];
+        }
+        if self.options.memory != QuadricMemory::Summed {
+            self.rebuilt = vertices.into_par_iter().map(|v| self.quadric_of(mesh, v, features).0).collect();
         }
     }
 
     #[inline]
     fn evaluate(&self, edge: &EdgeContext) -> Option<Candidate> {
-        let q = self.quadrics[edge.ends[0] as usize] + self.quadrics[edge.ends[1] as usize];
-        let (position, squared) = self.place(&q, edge);
-        let mut squared = squared.max(0.0);
-        let mut error_sq = mean(squared, q.weight);
-        let shortness = SHORTNESS * edge.points[0].distance_squared(edge.points[1]);
-        match self.options.memory {
-            QuadricMemory::Summed => {}
-            QuadricMemory::Rebuilt => error_sq += self.drift_sq_of(edge.ends),
-            QuadricMemory::Both => {
-                let all = self.summed[edge.ends[0] as usize] + self.summed[edge.ends[1] as usize];
-                let remembered = all.at(position).max(0.0);
-                error_sq = error_sq.max(mean(remembered, all.weight));
-                squared += remembered;
+        let sum_of = |quadrics: &[Quadric]| quadrics[edge.ends[0] as usize] + quadrics[edge.ends[1] as usize];
+        Some(match self.options.memory {
+            QuadricMemory::Summed => self.options.candidate(&sum_of(&self.sums), None, 0.0, edge),
+            QuadricMemory::Rebuilt => {
+                self.options.candidate(&sum_of(&self.rebuilt), None, self.drift_sq_of(edge.ends), edge)
             }
-        }
-        let cost = if self.options.normalized { error_sq + shortness } else { squared + shortness * q.weight };
-        Some(Candidate { cost, error_sq, position })
+            QuadricMemory::Both => self.options.candidate(&sum_of(&self.rebuilt), Some(&sum_of(&self.sums)), 0.0, edge),
+        })
     }
 
     fn refine(&self, mesh: &CollapseMesh, edge: &EdgeContext, candidate: &Candidate, rings: [&[RingFace]; 2]) -> DVec3 {
-        let [a, b] = edge.points;
-        let keeps_end = candidate.position == a || candidate.position == b;
-        if self.options.placement != PlacementKind::OptimalVolume || edge.anchor != Anchor::Free || keeps_end {
-            return candidate.position;
-        }
-        let middle = (a + b) / 2.0;
-        let (flux, level) = volume_plane(mesh, edge, middle, rings);
-        let q = self.quadrics[edge.ends[0] as usize] + self.quadrics[edge.ends[1] as usize];
-        let most = VOLUME_PRICE * q.at(candidate.position) + FLAT * FLAT * q.weight;
-        let fair = |p: &DVec3| is_near(*p, edge) && q.at(*p) <= most;
-        q.minimize_on_plane(middle, flux, level).filter(fair).unwrap_or(candidate.position)
+        let quadrics = if self.options.memory == QuadricMemory::Summed { &self.sums } else { &self.rebuilt };
+        let placing = quadrics[edge.ends[0] as usize] + quadrics[edge.ends[1] as usize];
+        self.options.refine(&placing, edge, candidate.position, faces_of_star(edge.ends, rings, |v| mesh.point(v)))
     }
 
     fn commit(&mut self, mesh: &CollapseMesh, kept: u32, removed: u32, neighbors: &[u32], features: &Features) {
         let ends = [kept, removed];
         let sum_of = |quadrics: &[Quadric]| quadrics[kept as usize] + quadrics[removed as usize];
         match self.options.memory {
-            QuadricMemory::Summed => return self.quadrics[kept as usize] = sum_of(&self.quadrics),
+            QuadricMemory::Summed => return self.sums[kept as usize] = sum_of(&self.sums),
             QuadricMemory::Rebuilt => {
-                let q = sum_of(&self.quadrics);
-                let step_sq = mean(q.at(mesh.point(kept)).max(0.0), q.weight);
-                self.drift_sq[kept as usize] = (step_sq + self.drift_sq_of(ends)) as f32;
+                let q = sum_of(&self.rebuilt);
+                self.drift_sq[kept as usize] = drift_after(&q, mesh.point(kept), self.drift_sq_of(ends));
             }
-            QuadricMemory::Both => self.summed[kept as usize] = sum_of(&self.summed),
+            QuadricMemory::Both => self.sums[kept as usize] = sum_of(&self.sums),
         }
         for &vertex in std::iter::once(&kept).chain(neighbors) {
             if self.patience.allows(mesh, vertex) {
                 let (quadric, faces) = self.quadric_of(mesh, vertex, features);
-                self.quadrics[vertex as usize] = quadric;
+                self.rebuilt[vertex as usize] = quadric;
                 self.patience.spend(faces);
             }
         }
@@ -354,8 +440,8 @@ impl Metric for QuadricMetric {
 
     #[inline]
     fn prefetch(&self, vertex: u32) {
-        prefetch(&self.quadrics, vertex as usize);
-        prefetch(&self.summed, vertex as usize);
+        prefetch(&self.rebuilt, vertex as usize);
+        prefetch(&self.sums, vertex as usize);
     }
 
     fn update(&self) -> Update {

@@ -7,6 +7,7 @@
 //! |---|---|
 //! | `driver` | the loop |
 //! | `queue` | edges by cost, cheapest first |
+//! | `passes` | many collapses at once, on all cores, before the queue |
 //! | `metric`, `quadric` | costs and placements |
 //! | `features` | borders, seams, material borders, locks |
 //! | `legality` | link condition, fold-over, valence, quality |
@@ -19,6 +20,7 @@ mod legality;
 mod metric;
 mod options;
 mod pairs;
+mod passes;
 mod patience;
 mod quadric;
 mod queue;
@@ -41,7 +43,9 @@ pub use quadric::Quadric;
 pub use wedges::WedgeMerger;
 
 use crate::topology::CollapseMesh;
+use crate::topology::collapse_mesh::Frame;
 use crate::{Control, Mesh};
+use passes::{Done, Surface, collapse_in_passes};
 
 /// Reduces a triangle mesh by greedy edge collapse, cheapest first.
 ///
@@ -79,16 +83,11 @@ pub fn simplify(
     check_options(mesh, options)?;
     let triangles_in = mesh.triangle_count();
     let (mut work, options) = sorted(mesh, options);
-    let corners = (0..triangles_in).map(|t| work.triangle_vertices(t));
-    let mut faces = CollapseMesh::new(&work.positions, corners);
-    if let Some(distance) = options.join_distance {
-        faces.add_pairs(&pairs::close_pairs(&work.positions, distance));
-    }
-    work.positions = Vec::new();
-    let mut features = Features::new(&work, &faces, &options);
+    let positions = std::mem::take(&mut work.positions);
+    let triangles: Vec<[u32; 3]> = work.triangles.iter().map(|t| t.map(|w| work.wedge_vertices[w as usize])).collect();
     let mut wedges = WedgeMerger::new(work, &options);
-    let unit = faces.frame().unit();
-    let request = Request {
+    let frame = Frame::of(&positions);
+    let mut request = Request {
         order: options.order,
         target_faces: options.target.triangles.unwrap_or(1),
         limits: Limits {
@@ -98,32 +97,58 @@ pub fn simplify(
             min_normal_cos: options.max_normal_turn.map(f64::cos),
             valence: options.valence,
             min_quality: options.min_quality,
-            max_error_sq: options.target.max_error.map(|e| (e / unit).powi(2)),
+            max_error_sq: options.target.max_error.map(|e| (e / frame.unit()).powi(2)),
         },
         importance: &options.importance,
     };
-    let outcome = match quadric_options(&options) {
+    let close = options.join_distance.map(|distance| pairs::close_pairs(&positions, distance));
+    let mut metric = quadric_options(&options).map(QuadricMetric::new);
+    let mut done = Done::default();
+    let importance;
+    let mut faces = match &mut metric {
+        Some(metric) if wants_passes(&options) => {
+            let mut surface = Surface::new(frame, positions, &triangles, &wedges, &options);
+            drop(triangles);
+            let observer = if wedges.is_idle() { None } else { Some(&mut wedges) };
+            done = collapse_in_passes(&mut surface, metric, observer, &request, control)?;
+            let faces;
+            (faces, importance) = surface.into_collapse_mesh(triangles_in);
+            request.importance = &importance;
+            faces
+        }
+        _ => CollapseMesh::in_frame(frame, positions, triangles.into_iter()),
+    };
+    if let Some(close) = close {
+        faces.add_pairs(&close);
+    }
+    let mut features = Features::new(&wedges, &faces, &options);
+    let outcome = match metric {
         None => {
             let mut metric = ShortestEdge::new(options.placement);
             collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
         }
-        Some(quadric) => {
-            let mut metric = QuadricMetric::new(quadric);
-            collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
-        }
+        Some(mut metric) => collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control),
     }?;
     *mesh = wedges.finish(faces);
     Ok(SimplifyReport {
         triangles_in,
         triangles_out: mesh.triangle_count(),
-        collapses: outcome.collapses,
-        error: outcome.error,
+        collapses: done.collapses + outcome.collapses,
+        error: done.error.max(outcome.error),
         stopped: match outcome.stopped {
             Stop::Triangles if options.target.triangles.is_none() => Stop::Exhausted,
             stopped => stopped,
         },
         refused: outcome.refused,
     })
+}
+
+/// Whether passes come first: they know neither valence nor quality of triangles nor pairs.
+fn wants_passes(options: &SimplifyOptions) -> bool {
+    options.order == Order::Passes
+        && options.valence.is_none()
+        && options.min_quality.is_none()
+        && options.join_distance.is_none()
 }
 
 /// A copy of the mesh in spatial order, and the options with their lists in the same order.

@@ -93,6 +93,39 @@ impl<'a> WedgeMerger<'a> {
         }
     }
 
+    /// Whether there is nothing to merge.
+    pub(super) fn is_idle(&self) -> bool {
+        let mesh = &self.mesh;
+        mesh.wedge_attributes.is_empty()
+            && mesh.vertex_attributes.is_empty()
+            && mesh.morph_targets.is_empty()
+            && self.triangles.is_none()
+    }
+
+    /// Whether vertices may have several wedges.
+    pub(super) fn have_seams(&self) -> bool {
+        self.triangles.is_some()
+    }
+
+    /// Whether triangles have materials.
+    pub(super) fn have_materials(&self) -> bool {
+        !self.mesh.triangle_materials.is_empty()
+    }
+
+    /// The material of a triangle.
+    pub(super) fn material(&self, triangle: usize) -> u32 {
+        self.mesh.triangle_material(triangle)
+    }
+
+    /// Whether attributes other than normals and tangents differ between two corners of triangles at the same vertex.
+    /// Normals do not count: what is flat-shaded has creases everywhere, and quadrics keep sharp edges by themselves.
+    pub(super) fn jump_between(&self, one: (usize, usize), other: (usize, usize)) -> bool {
+        let Some(triangles) = &self.triangles else { return false };
+        let [v, w] = [one, other].map(|(triangle, corner)| triangles[triangle][corner]);
+        let counts = |a: &&Attribute| !matches!(a.semantic, Semantic::Normal | Semantic::Tangent);
+        v != w && !self.mesh.wedge_attributes.iter().filter(counts).all(|a| same_value(a, v, w))
+    }
+
     /// The mesh that is left: all compacted, in the order it had.
     pub fn finish(mut self, faces: CollapseMesh) -> Mesh {
         let live: Vec<u32> = (0..faces.face_count() as u32).filter(|&f| faces.face(f as usize).is_some()).collect();
@@ -213,7 +246,7 @@ impl<'a> WedgeMerger<'a> {
 }
 
 impl Observer for WedgeMerger<'_> {
-    fn on_collapse(&mut self, _: &CollapseMesh, collapse: &Collapse<'_>) {
+    fn on_collapse(&mut self, collapse: &Collapse<'_>) {
         let t = collapse.t;
         for attribute in &mut self.mesh.vertex_attributes {
             blend(attribute, [collapse.star.kept, collapse.star.removed], collapse.star.kept, t);

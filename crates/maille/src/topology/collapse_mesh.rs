@@ -222,11 +222,20 @@ impl CollapseMesh {
     /// # Panics
     /// If a triangle names a vertex that does not exist, or there are 2^30 triangles and more.
     pub fn new(positions: &[[f32; 3]], triangles: impl ExactSizeIterator<Item = [u32; 3]>) -> Self {
+        Self::in_frame(Frame::of(positions), positions.to_vec(), triangles)
+    }
+
+    /// As [`new`](Self::new), in a frame that was chosen before.
+    pub(crate) fn in_frame(
+        frame: Frame,
+        positions: Vec<[f32; 3]>,
+        triangles: impl ExactSizeIterator<Item = [u32; 3]>,
+    ) -> Self {
         assert!(triangles.len() < 1 << 30, "face corners must fit into 32 bits");
         let mut mesh = Self {
-            frame: Frame::of(positions),
+            frame,
             first_corner: vec![NONE; positions.len()],
-            positions: positions.to_vec(),
+            positions,
             faces: Vec::with_capacity(triangles.len()),
             ends: Vec::new(),
             pairs: Vec::new(),

@@ -31,6 +31,20 @@ impl<'a> EdgeStar<'a> {
         EdgeStar { edge, kept, removed, kept_ring, removed_ring, is_regular }
     }
 
+    /// The star of an edge whose ends are known to have faces all around them, wound alike. The edge has no number.
+    #[inline]
+    pub(crate) fn on_closed_surface(
+        [kept, removed]: [u32; 2],
+        kept_ring: &'a [RingFace],
+        removed_ring: &'a [RingFace],
+    ) -> EdgeStar<'a> {
+        let is_regular = kept_ring.len() <= MOST
+            && removed_ring.len() <= MOST
+            && kept_ring.len() + removed_ring.len() > 6
+            && Around::of(kept_ring).count(&Around::of(removed_ring)) == 2;
+        EdgeStar { edge: u32::MAX, kept, removed, kept_ring, removed_ring, is_regular }
+    }
+
     /// Whether a face around one end is at the other end, too, and vanishes.
     #[inline]
     pub fn kills(&self, face: &RingFace) -> bool {
@@ -50,10 +64,11 @@ impl<'a> EdgeStar<'a> {
 }
 
 /// Faces around an end up to which [`EdgeStar::is_regular`] looks.
-const MOST: usize = 24;
+pub(crate) const MOST: usize = 24;
 
 fn is_regular(removed: u32, kept_ring: &[RingFace], removed_ring: &[RingFace]) -> bool {
-    let (Some(around_kept), Some(around_removed)) = (Around::closed(kept_ring), Around::closed(removed_ring)) else {
+    let closed = |ring: &[RingFace]| Around::closed(ring.iter().map(|face| [face.x, face.y]));
+    let (Some(around_kept), Some(around_removed)) = (closed(kept_ring), closed(removed_ring)) else {
         return false;
     };
     let mut apexes = [u32::MAX; 2];
@@ -72,27 +87,37 @@ fn is_regular(removed: u32, kept_ring: &[RingFace], removed_ring: &[RingFace]) -
 }
 
 /// The neighbours of a vertex, each once.
-struct Around {
+pub(crate) struct Around {
     vertices: [u32; MOST],
     len: usize,
 }
 
 impl Around {
-    /// The neighbours of a vertex that faces go all around, wound alike; `None` when that is not so, when there are more
-    /// than [`MOST`], or when an edge has more than two faces.
+    /// The vertex after the middle of each of at most [`MOST`] faces.
     #[inline]
-    fn closed(ring: &[RingFace]) -> Option<Self> {
-        if ring.len() > MOST {
-            return None;
-        }
+    fn of(ring: &[RingFace]) -> Self {
         let mut around = Self { vertices: [u32::MAX; MOST], len: ring.len() };
-        let mut open = 0_u64;
         for (vertex, face) in around.vertices.iter_mut().zip(ring) {
             *vertex = face.x;
-            // zero in the end where every neighbour comes as often after a face's vertex as before it
-            open = open.wrapping_add(mixed(face.x)).wrapping_sub(mixed(face.y));
         }
-        (open == 0 && around.count(&around) == ring.len() as u32).then_some(around)
+        around
+    }
+
+    /// The neighbours of a vertex that faces go all around, wound alike; `None` when that is not so, when there are more
+    /// than [`MOST`], or when an edge has more than two faces. Faces are given by the vertices after and before theirs.
+    #[inline]
+    pub(crate) fn closed(faces: impl ExactSizeIterator<Item = [u32; 2]>) -> Option<Self> {
+        if faces.len() > MOST {
+            return None;
+        }
+        let mut around = Self { vertices: [u32::MAX; MOST], len: faces.len() };
+        let mut open = 0_u64;
+        for (vertex, [x, y]) in around.vertices.iter_mut().zip(faces) {
+            *vertex = x;
+            // zero in the end where every neighbour comes as often after a face's vertex as before it
+            open = open.wrapping_add(mixed(x)).wrapping_sub(mixed(y));
+        }
+        (open == 0 && around.count(&around) == around.len as u32).then_some(around)
     }
 
     /// How many pairs of equal vertices there are in two lists. Compared eight at a time without branches.

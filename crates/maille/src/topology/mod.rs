@@ -12,8 +12,9 @@
 
 pub mod collapse_mesh;
 mod corner_table;
-mod edge_star;
+pub(crate) mod edge_star;
 pub(crate) mod edges;
+pub(crate) mod fans;
 mod ids;
 mod surface;
 mod union_find;

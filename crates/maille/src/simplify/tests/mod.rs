@@ -5,6 +5,7 @@ mod constraints;
 mod laws;
 mod options;
 mod order;
+mod passes;
 
 use std::collections::BTreeMap;
 

@@ -9,7 +9,7 @@ use crate::topology::collapse_mesh::{CollapseEffect, Marks};
 struct Recorder(Vec<([u32; 2], [f32; 3])>);
 
 impl Observer for Recorder {
-    fn on_collapse(&mut self, _: &CollapseMesh, collapse: &Collapse<'_>) {
+    fn on_collapse(&mut self, collapse: &Collapse<'_>) {
         self.0.push(([collapse.star.kept, collapse.star.removed], collapse.position));
     }
 }
@@ -20,7 +20,8 @@ fn faces_of(mesh: &Mesh) -> CollapseMesh {
 
 fn with_queue<M: Metric>(mesh: &Mesh, mut metric: M, request: &Request<'_>) -> Recorder {
     let (mut faces, mut recorder) = (faces_of(mesh), Recorder::default());
-    let mut features = Features::new(mesh, &faces, &to(0));
+    let options = to(0);
+    let mut features = Features::new(&WedgeMerger::new(mesh.clone(), &options), &faces, &options);
     collapse_edges(&mut faces, &mut metric, &mut features, &mut recorder, request, Control::default()).unwrap();
     recorder
 }
@@ -28,7 +29,8 @@ fn with_queue<M: Metric>(mesh: &Mesh, mut metric: M, request: &Request<'_>) -> R
 /// The cheapest edge of all at every step, edges of equal cost by their number; no limits but the features.
 fn by_search<M: Metric>(mesh: &Mesh, mut metric: M, target: usize) -> Recorder {
     let (mut faces, mut recorder) = (faces_of(mesh), Recorder::default());
-    let mut features = Features::new(mesh, &faces, &to(0));
+    let options = to(0);
+    let mut features = Features::new(&WedgeMerger::new(mesh.clone(), &options), &faces, &options);
     let (mut marks, mut effect) = (Marks::new(faces.vertex_count()), CollapseEffect::default());
     metric.prepare(&faces, &features);
     while faces.live_face_count() > target {
