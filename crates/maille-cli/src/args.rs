@@ -182,7 +182,8 @@ pub(crate) struct SimplifyArgs {
     #[arg(long, value_name = "NAME", value_parser = named(&PLACEMENTS), help_heading = "Method")]
     pub(crate) placement: Option<String>,
     /// In which order edges collapse. exact: the cheapest first; spatial: while many are left, costs within a factor of
-    /// 1.5 count as equal, and near edges follow each other, which takes less time on large meshes. Default: spatial.
+    /// 1.5 count as equal, and near edges follow each other; passes: while very many are left, all cores take cheap edges
+    /// that do not touch one another, then as spatial. Default: passes.
     #[arg(long, value_name = "ORDER", value_parser = ORDERS, help_heading = "Method")]
     pub(crate) order: Option<String>,
     /// How the triangles' planes are weighted in quadric metrics.

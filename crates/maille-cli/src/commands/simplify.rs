@@ -74,9 +74,7 @@ pub(crate) fn preset(preset: Preset) -> SimplifyOptions {
     let balanced = SimplifyOptions::default();
     match preset {
         Preset::Balanced => balanced,
-        Preset::Fast => {
-            SimplifyOptions { metric: MetricKind::ConstrainedQuadric, placement: PlacementKind::Optimal, ..balanced }
-        }
+        Preset::Fast => SimplifyOptions { metric: MetricKind::ConstrainedQuadric, ..balanced },
         Preset::Best => SimplifyOptions { order: Order::Exact, ..balanced },
         Preset::Aggressive => SimplifyOptions {
             boundary: EdgePolicy::Free,
