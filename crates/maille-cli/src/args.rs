@@ -186,6 +186,11 @@ pub(crate) struct SimplifyArgs {
     /// that do not touch one another, then as spatial. Default: passes.
     #[arg(long, value_name = "ORDER", value_parser = ORDERS, help_heading = "Method")]
     pub(crate) order: Option<String>,
+    /// Whether the vertices that are left are fitted to the original in the end: a smaller error for about as much time
+    /// again. Default: yes with --preset best.
+    #[arg(long, value_name = "yes|no", num_args = 0..=1, default_missing_value = "yes", require_equals = true,
+        value_parser = clap::builder::BoolishValueParser::new(), help_heading = "Method")]
+    pub(crate) refit: Option<bool>,
     /// How the triangles' planes are weighted in quadric metrics.
     #[arg(long, value_enum, default_value_t = Weights::Area, help_heading = "Method")]
     pub(crate) weights: Weights,

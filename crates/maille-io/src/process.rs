@@ -4,7 +4,8 @@ use std::sync::Mutex;
 
 use glam::{DMat3, DMat4};
 use maille::measure::area;
-use maille::simplify::{Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, simplify};
+use maille::refit::{RefitOptions, RefitReport};
+use maille::simplify::{EdgePolicy, Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, simplify};
 use maille::{Attribute, Control, Mesh, Semantic};
 use rayon::prelude::*;
 
@@ -32,6 +33,9 @@ pub struct AssetOptions {
     pub importance: Option<String>,
     /// Attribute whose vertices stay where its first component is above one half.
     pub lock: Option<String>,
+    /// Whether and how the vertices that are left are fitted to the original in the end. `fixed` must be empty: what is
+    /// locked stays.
+    pub refit: Option<RefitOptions>,
 }
 
 /// What simplifying an [`Asset`] did.
@@ -51,6 +55,9 @@ pub struct AssetReport {
     pub stopped: Stop,
     /// What the constraints refused.
     pub refused: Refusals,
+    /// What fitting to the original did to each distinct mesh that has triangles, in units of the mesh, in their order;
+    /// empty if it was not asked for.
+    pub refits: Vec<RefitReport>,
 }
 
 /// Why an asset could not be simplified.
@@ -105,6 +112,11 @@ pub fn simplify_asset(
         require_attribute(asset, name)?;
     }
     let scales = world_scales(asset);
+    let originals: Vec<Mesh> = if options.refit.is_some() {
+        asset.meshes.iter().map(|named| named.mesh.clone()).collect()
+    } else {
+        Vec::new()
+    };
     let total = options.simplify.target.triangles;
     let targets = total.map_or_else(|| before.clone(), |total| share_out(total, &before));
     let mut jobs: Vec<Job> = (asset.meshes.iter_mut().zip(targets).zip(&scales).enumerate())
@@ -123,7 +135,13 @@ pub fn simplify_asset(
     if let Some(total) = total {
         settle(&mut jobs, total, options, control)?;
     }
-    Ok(summary(jobs, &before, total))
+    let refits = match &options.refit {
+        Some(refit) => {
+            jobs.iter_mut().map(|job| job.refit(&originals, refit, options, control)).collect::<Result<_, _>>()?
+        }
+        None => Vec::new(),
+    };
+    Ok(AssetReport { refits, ..summary(jobs, &before, total) })
 }
 
 /// The float attribute of a mesh that a name means, of wedges or vertices: the name that the mesh itself uses
@@ -289,15 +307,49 @@ impl Job<'_> {
         if let Some(attribute) = options.importance.as_deref().and_then(|name| find_attribute(self.mesh, name)) {
             own.importance = importance_of(self.mesh, attribute);
         }
-        if let Some(attribute) = options.lock.as_deref().and_then(|name| find_attribute(self.mesh, name)) {
-            own.locked = per_vertex(self.mesh, attribute, |value| value[0]).iter().map(|&x| x > 0.5).collect();
-        }
+        own.locked = self.locked(options);
         let report = simplify(self.mesh, &own, control)?;
         self.report = Some(match self.report.take() {
             Some(earlier) => joined(&earlier, &report),
             None => report,
         });
         Ok(())
+    }
+
+    /// The vertices that the attribute of locks names; empty if there is none.
+    fn locked(&self, options: &AssetOptions) -> Vec<bool> {
+        let attribute = options.lock.as_deref().and_then(|name| find_attribute(self.mesh, name));
+        let locks = attribute.map(|attribute| per_vertex(self.mesh, attribute, |value| value[0]));
+        locks.unwrap_or_default().iter().map(|&x| x > 0.5).collect()
+    }
+
+    /// Fits the mesh to what it was; vertices of features that are locked stay.
+    fn refit(
+        &mut self,
+        originals: &[Mesh],
+        refit: &RefitOptions,
+        options: &AssetOptions,
+        control: Control<'_>,
+    ) -> Result<RefitReport, ProcessError> {
+        let mut fixed = self.locked(options);
+        fixed.resize(self.mesh.vertex_count(), false);
+        let lock_seams = options.simplify.seams == EdgePolicy::Lock;
+        let lock_materials = options.simplify.material_borders == EdgePolicy::Lock;
+        // what the first corner at each vertex has
+        let mut first = vec![None; fixed.len()];
+        for (t, wedges) in self.mesh.triangles.iter().enumerate() {
+            for (&wedge, v) in wedges.iter().zip(self.mesh.triangle_vertices(t)) {
+                let own = (wedge, self.mesh.triangle_material(t));
+                let other = *first[v as usize].get_or_insert(own);
+                fixed[v as usize] |= lock_seams && other.0 != own.0 || lock_materials && other.1 != own.1;
+            }
+        }
+        let own = RefitOptions { fixed, ..refit.clone() };
+        maille::refit::refit(self.mesh, &originals[self.index], &own, control).map_err(|cancelled| ProcessError::Mesh {
+            index: self.index,
+            name: self.name.to_owned(),
+            error: cancelled.into(),
+        })
     }
 
     fn can_give(&self) -> bool {
@@ -394,6 +446,7 @@ fn summary(jobs: Vec<Job<'_>>, before: &[usize], total: Option<usize>) -> AssetR
         error,
         stopped,
         refused: meshes.iter().fold(Refusals::default(), |all, report| sum(all, report.refused)),
+        refits: Vec::new(),
         meshes,
     }
 }

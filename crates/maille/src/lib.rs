@@ -12,6 +12,7 @@ pub mod measure;
 pub mod mesh;
 mod prefetch;
 mod radix;
+pub mod refit;
 pub mod repair;
 pub mod samples;
 pub mod simplify;

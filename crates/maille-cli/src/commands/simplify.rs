@@ -4,6 +4,7 @@ use std::cmp::Reverse;
 use std::path::PathBuf;
 use std::time::Instant;
 
+use maille::refit::RefitOptions;
 use maille::simplify::{
     EdgePolicy, MetricKind, Order, PlacementKind, Refusals, SimplifyError, SimplifyOptions, Stop, TopologyPolicy,
 };
@@ -66,7 +67,8 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
     simplify.join_distance = args.join_distance.map(|distance| distance.in_units(diagonal));
     simplify.normals = args.normals.into();
     simplify.max_influences = args.max_influences;
-    AssetOptions { simplify, importance: args.importance.clone(), lock: args.lock.clone() }
+    let refit = args.refit.unwrap_or(args.preset == Preset::Best).then(RefitOptions::default);
+    AssetOptions { simplify, importance: args.importance.clone(), lock: args.lock.clone(), refit }
 }
 
 /// The bundle of options that a preset stands for.
@@ -125,6 +127,13 @@ struct Barrier {
 impl Done {
     fn json(&self, args: &SimplifyArgs, session: &Session, asset: &Asset) -> Value {
         let report = &self.report;
+        let refits = report.refits.iter().map(|refit| {
+            json!({
+                "rms_before": refit.rms_before, "rms_after": refit.rms_after,
+                "max_before": refit.max_before, "max_after": refit.max_after,
+            })
+        });
+        let refits: Vec<Value> = refits.collect();
         json!({
             "input": args.input.display().to_string(),
             "output": self.path.display().to_string(),
@@ -138,6 +147,7 @@ impl Done {
             "error": report.error,
             "diagonal": self.diagonal,
             "collapses": report.collapses,
+            "refit": refits,
             "refused": refusals(&report.refused).into_iter().collect::<serde_json::Map<_, _>>(),
             "preset": preset_name(args.preset),
             "metric": name_of(&MetricKind::NAMES, &self.options.metric),
@@ -155,6 +165,10 @@ impl Done {
         listing.line("time", output::seconds(self.seconds));
         listing.line("stopped", explanation(report.stopped));
         listing.line("error", format!("{}, as the metric estimates", output::distance(report.error, self.diagonal)));
+        if let [refit] = report.refits.as_slice() {
+            let [before, after] = [refit.rms_before, refit.rms_after].map(|rms| output::distance(rms, self.diagonal));
+            listing.line("fitted", format!("root mean square distance {before} -> {after}"));
+        }
         let barriers = self.barriers();
         let refused: Vec<String> =
             barriers.iter().map(|b| format!("{} {}", output::count(b.refused), b.what)).collect();
