@@ -397,7 +397,7 @@ pub(crate) enum Preset {
     Fast,
     /// Hybrid quadrics, the best place that keeps the volume
     Balanced,
-    /// As balanced, always the cheapest edge first
+    /// As balanced, always the cheapest edge first, fitted to the original in the end
     Best,
     /// As balanced, but borders and topology may go: reaches the smallest counts
     Aggressive,

@@ -356,6 +356,23 @@ fn importance_and_locks_come_from_attributes() {
 }
 
 #[test]
+fn the_best_preset_fits_the_result_to_the_original() {
+    let folder = Folder::new();
+    folder.done(&["sample", "statue", "-o", "a.ply", "--triangles", "20000"]);
+    let rms = |options: &[&str]| {
+        let command = [&["simplify", "a.ply", "-o", "b.ply", "--triangles", "1000"], options].concat();
+        let report = folder.json(&command);
+        let compared = folder.json(&["compare", "a.ply", "b.ply", "--samples", "100000"]);
+        (report["refit"].as_array().map_or(0, Vec::len), compared["rms"].as_f64().expect("a number"))
+    };
+    let (fitted, best) = rms(&["--preset", "best"]);
+    let (left, exact) = rms(&["--preset", "best", "--refit=no"]);
+    assert_eq!((fitted, left), (1, 0));
+    assert!(best < 0.95 * exact, "{best} beside {exact}");
+    assert_eq!(rms(&["--refit"]).0, 1);
+}
+
+#[test]
 fn samples_are_listed_and_made() {
     let folder = Folder::new();
     let list = folder.done(&["sample", "--list"]).stdout;

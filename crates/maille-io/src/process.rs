@@ -491,6 +491,21 @@ mod tests {
     }
 
     #[test]
+    fn what_is_locked_stays_when_the_rest_is_fitted() {
+        let mut mesh = maille::mesh::shapes::sphere(4);
+        let locks = mesh.positions.iter().map(|p| if p[2] > 0.9 { 1.0 } else { 0.0 }).collect();
+        mesh.vertex_attributes.push(Attribute::new_f32(Semantic::Custom("keep".to_owned()), 1, locks));
+        let cap: Vec<[f32; 3]> = mesh.positions.iter().copied().filter(|p| p[2] > 0.9).collect();
+        let mut asset = Asset::from_mesh("sphere", mesh);
+        let mut options = AssetOptions { lock: Some("keep".to_owned()), ..AssetOptions::default() };
+        options.refit = Some(RefitOptions::default());
+        options.simplify.target.triangles = Some(400);
+        let report = simplify_asset(&mut asset, &options, Control::default()).unwrap();
+        assert!(report.refits.len() == 1 && report.refits[0].rms_after < report.refits[0].rms_before, "{report:?}");
+        assert!(cap.iter().all(|p| asset.meshes[0].mesh.positions.contains(p)));
+    }
+
+    #[test]
     fn joints_that_move_nothing_do_not_count_in_the_scale() {
         let mut mesh = maille::mesh::shapes::cube();
         let wedges = mesh.wedge_count();

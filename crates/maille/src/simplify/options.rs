@@ -24,8 +24,8 @@ pub enum MetricKind {
     MemorylessQuadric,
     /// [`MemorylessQuadric`](Self::MemorylessQuadric) with constraint planes (seed 000, 4.3.5).
     ConstrainedMemorylessQuadric,
-    /// Placed as [`ConstrainedMemorylessQuadric`](Self::ConstrainedMemorylessQuadric), at its cost and that of
-    /// [`ConstrainedQuadric`](Self::ConstrainedQuadric) together: nearly as near to the original as the one, and thin
+    /// Placed as [`ConstrainedMemorylessQuadric`](Self::ConstrainedMemorylessQuadric), at its cost and a share of that of
+    /// [`ConstrainedQuadric`](Self::ConstrainedQuadric): nearly as near to the original as the one, and thin
     /// ends last as long as with the other.
     #[default]
     HybridQuadric,
