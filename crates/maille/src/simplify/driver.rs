@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::features::{Barred, Features};
-use super::legality::{Collapse, Limits};
+use super::legality::{Collapse, Limits, landing};
 use super::metric::{Anchor, Candidate, EdgeContext, Metric, Update};
 use super::options::{Order, Refusals, Stop, TopologyPolicy};
 use super::patience::Patience;
@@ -275,27 +275,16 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
             return false;
         }
         let [a, b] = [kept, removed].map(|v| self.mesh.point(v));
-        let along = b - a;
-        let length_sq = along.length_squared();
-        let t = if length_sq > 0.0 { ((candidate.position - a).dot(along) / length_sq).clamp(0.0, 1.0) } else { 0.0 };
         let context = EdgeContext {
             ends: [kept, removed],
             points: [a, b],
             anchor: self.features.anchor(edge, [kept, removed]).unwrap_or(Anchor::First),
         };
-        let candidate = &Candidate {
-            position: self.metric.refine(self.mesh, &context, candidate, [&self.kept_ring, &self.removed_ring]),
-            ..*candidate
-        };
-        let position = if candidate.position == a {
-            self.mesh.position(kept)
-        } else if candidate.position == b {
-            self.mesh.position(removed)
-        } else {
-            self.mesh.frame().leave(candidate.position)
-        };
+        let target = self.metric.refine(self.mesh, &context, candidate, [&self.kept_ring, &self.removed_ring]);
+        let stored = [kept, removed].map(|v| self.mesh.position(v));
+        let (position, t) = landing(self.mesh.frame(), target, stored, [a, b]);
         let error = candidate.error_sq.sqrt() * self.mesh.frame().unit();
-        self.collapse(edge, [kept, removed], position, (t as f32, error), true)
+        self.collapse(edge, [kept, removed], position, (t, error), true)
     }
 
     /// Makes a collapse, after the tests if they are wanted. The rings of both ends must be in place.

@@ -36,6 +36,23 @@ pub struct Collapse<'a> {
     pub error: f64,
 }
 
+/// Where a merged vertex goes: the position as stored, to the bit that of an end if it goes there, and the place on the
+/// segment between the ends. `stored` are the positions of the ends, `points` the same in the frame.
+#[inline]
+pub(super) fn landing(frame: &Frame, target: DVec3, stored: [[f32; 3]; 2], [a, b]: [DVec3; 2]) -> ([f32; 3], f32) {
+    let along = b - a;
+    let length_sq = along.length_squared();
+    let t = if length_sq > 0.0 { ((target - a).dot(along) / length_sq).clamp(0.0, 1.0) } else { 0.0 };
+    let position = if target == a {
+        stored[0]
+    } else if target == b {
+        stored[1]
+    } else {
+        frame.leave(target)
+    };
+    (position, t as f32)
+}
+
 impl Limits {
     /// Whether a collapse passes all tests; counts the first that it fails.
     pub fn allow(

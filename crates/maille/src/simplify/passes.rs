@@ -15,7 +15,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::driver::{Observer, Request};
-use super::legality::{Collapse, Limits};
+use super::legality::{Collapse, Limits, landing};
 use super::metric::{
     Anchor, Candidate, EdgeContext, QuadricMemory, QuadricMetric, QuadricOptions, drift_after, faces_of_star,
 };
@@ -231,13 +231,21 @@ impl Surface {
         let point = |v: u32| self.frame.enter(self.positions[v as usize]);
         metric.sums.par_chunks_mut(PIECE).enumerate().for_each(|(i, sums)| {
             let start = (i * PIECE) as u32;
-            add_planes(sums, start, &options, |v| self.fans.around(v), point);
+            let place = |v: u32| v.wrapping_sub(start) as usize;
             for v in start..start + sums.len() as u32 {
-                // faces that are not whole inside the part
-                let is_inside = |v: u32| (v.wrapping_sub(start) as usize) < sums.len();
-                let others = self.fans.around(v).iter().filter(|face| !is_inside(face.x) || !is_inside(face.y));
-                sums[(v - start) as usize] +=
-                    options.planes(point(v), others.map(|face| [point(face.x), point(face.y)]));
+                for &Spoke { x, y, .. } in self.fans.around(v) {
+                    let inside = [x, y].map(|v| place(v) < sums.len());
+                    // a face inside the piece is looked at once, another one at each of its vertices in the piece
+                    if inside == [true; 2] && (x < v || y < v) {
+                        continue;
+                    }
+                    let planes = options.face_planes([v, x, y].map(point));
+                    sums[place(v)] += planes[0];
+                    if inside == [true; 2] {
+                        sums[place(x)] += planes[1];
+                        sums[place(y)] += planes[2];
+                    }
+                }
             }
         });
     }
@@ -306,26 +314,6 @@ fn is_smooth(around: &[Spoke], wedges: &WedgeMerger<'_>) -> bool {
                 && !wedges.jump_between(corner(face, 1), corner(next, 2))
         })
     })
-}
-
-/// Adds the planes of faces that are whole inside a range of vertices: each face is looked at once.
-fn add_planes<'a>(
-    quadrics: &mut [Quadric],
-    start: u32,
-    options: &QuadricOptions,
-    around: impl Fn(u32) -> &'a [Spoke],
-    point: impl Fn(u32) -> DVec3,
-) {
-    let end = start + quadrics.len() as u32;
-    for v in start..end {
-        let p = point(v);
-        for spoke in around(v).iter().filter(|face| face.x > v && face.y > v && face.x < end && face.y < end) {
-            let planes = options.face_planes([p, point(spoke.x), point(spoke.y)]);
-            for (v, plane) in [v, spoke.x, spoke.y].into_iter().zip(planes) {
-                quadrics[(v - start) as usize] += plane;
-            }
-        }
-    }
 }
 
 /// What does not change.
@@ -477,9 +465,8 @@ impl Part<'_> {
         quota: u64,
         mut observer: Option<&mut O>,
     ) -> Done {
-        let Rules { options, limits, frame } = rules;
         let mut done = Done::default();
-        let (mut kept_ring, mut removed_ring) = (Vec::new(), Vec::new());
+        let mut rings = [Vec::new(), Vec::new()];
         for entry in ranked {
             if done.collapses >= quota {
                 break;
@@ -492,55 +479,62 @@ impl Part<'_> {
             if self.pairing.is_taken(removed) {
                 continue;
             }
-            self.ring(kept, &mut kept_ring);
-            self.ring(removed, &mut removed_ring);
-            let star = EdgeStar::on_closed_surface([kept, removed], &kept_ring, &removed_ring);
-            if !star.is_regular() {
-                continue;
+            if let Some(error) = self.try_collapse(rules, [kept, removed], &mut rings, observer.as_deref_mut()) {
+                done.collapses += 1;
+                done.error = done.error.max(error);
             }
-            let point = |v: u32| self.point(rules, v);
-            let [a, b] = [kept, removed].map(point);
-            let edge = EdgeContext { ends: [kept, removed], points: [a, b], anchor: Anchor::Free };
-            let planes =
-                |p: DVec3, ring: &[RingFace]| options.planes(p, ring.iter().map(|face| [point(face.x), point(face.y)]));
-            let rebuilt = || planes(a, &kept_ring) + planes(b, &removed_ring);
-            let (placing, candidate) = self.candidate(options, &edge, rebuilt);
-            let faces = faces_of_star([kept, removed], [&kept_ring, &removed_ring], point);
-            let target = options.refine(&placing, &edge, candidate.position, faces);
-            let position = if target == a {
-                self.positions[self.place(kept)]
-            } else if target == b {
-                self.positions[self.place(removed)]
-            } else {
-                frame.leave(target)
-            };
-            let along = b - a;
-            let length_sq = along.length_squared();
-            let t = if length_sq > 0.0 { ((target - a).dot(along) / length_sq).clamp(0.0, 1.0) } else { 0.0 };
-            let error = candidate.error_sq.sqrt() * frame.unit();
-            let collapse = Collapse { star, position, t: t as f32, error };
-            if limits.folds_over(frame, &collapse, point) {
-                continue;
-            }
-            if let Some(observer) = &mut observer {
-                observer.on_collapse(&collapse);
-            }
-            let [at, other] = [kept, removed].map(|v| self.place(v));
-            match options.memory {
-                QuadricMemory::Rebuilt => {
-                    self.drift_sq[at] = drift_after(&placing, frame.enter(position), self.drift_sq_of([at, other]));
-                }
-                _ => self.sums[at] += self.sums[other],
-            }
-            if !self.importance.is_empty() {
-                self.importance[at] = self.importance[at].max(self.importance[other]);
-            }
-            self.positions[at] = position;
-            self.pairing.pair([kept, removed]);
-            done.collapses += 1;
-            done.error = done.error.max(error);
         }
         done
+    }
+
+    /// Collapses an edge unless that is forbidden; the error of the collapse, in model units.
+    fn try_collapse<O: Observer>(
+        &mut self,
+        Rules { options, limits, frame }: &Rules,
+        ends @ [kept, removed]: [u32; 2],
+        rings: &mut [Vec<RingFace>; 2],
+        observer: Option<&mut O>,
+    ) -> Option<f64> {
+        let [kept_ring, removed_ring] = rings;
+        self.ring(kept, kept_ring);
+        self.ring(removed, removed_ring);
+        let star = EdgeStar::on_closed_surface(ends, kept_ring, removed_ring);
+        if !star.is_regular() {
+            return None;
+        }
+        let places @ [at, other] = ends.map(|v| self.place(v));
+        let point = |v: u32| frame.enter(self.positions[self.place(v)]);
+        let edge = EdgeContext { ends, points: ends.map(point), anchor: Anchor::Free };
+        let planes =
+            |p: DVec3, ring: &[RingFace]| options.planes(p, ring.iter().map(|face| [point(face.x), point(face.y)]));
+        let rebuilt = || planes(edge.points[0], kept_ring) + planes(edge.points[1], removed_ring);
+        let (placing, candidate) = self.candidate(options, &edge, rebuilt);
+        if limits.max_error_sq.is_some_and(|most| candidate.error_sq > most) {
+            return None;
+        }
+        let faces = faces_of_star(ends, [kept_ring, removed_ring], point);
+        let target = options.refine(&placing, &edge, candidate.position, faces);
+        let (position, t) = landing(frame, target, places.map(|place| self.positions[place]), edge.points);
+        let error = candidate.error_sq.sqrt() * frame.unit();
+        let collapse = Collapse { star, position, t, error };
+        if limits.folds_over(frame, &collapse, point) {
+            return None;
+        }
+        if let Some(observer) = observer {
+            observer.on_collapse(&collapse);
+        }
+        match options.memory {
+            QuadricMemory::Rebuilt => {
+                self.drift_sq[at] = drift_after(&placing, frame.enter(position), self.drift_sq_of(places));
+            }
+            QuadricMemory::Summed | QuadricMemory::Both => self.sums[at] += self.sums[other],
+        }
+        if !self.importance.is_empty() {
+            self.importance[at] = self.importance[at].max(self.importance[other]);
+        }
+        self.positions[at] = position;
+        self.pairing.pair(ends);
+        Some(error)
     }
 
     /// The faces around a vertex without a partner, as they are now.
