@@ -113,7 +113,7 @@ pub fn refit(
             (report.rms_after, report.max_after) = (after.rms, after.max);
             break;
         }
-        moved.take_back(mesh, &after.triangles_beyond(before.max, &before));
+        moved.take_back(mesh, &after.vertices_beyond(before.max, &before, mesh));
         found = nearest(&moved.mesh(mesh), &samples);
     }
     Ok(report)
@@ -199,7 +199,7 @@ struct Errors {
     max: f64,
     /// Of each sample and vertex of the original: squared distance and triangle.
     forward: Vec<(f64, u32)>,
-    /// Of each triangle, the largest squared distance of its points.
+    /// Of each vertex of the mesh, and of the middle of each of its triangles: squared distance.
     backward: Vec<f64>,
 }
 
@@ -207,33 +207,35 @@ impl Errors {
     fn of(mesh: &Mesh, there: &Bvh<'_>, samples: &[ClosestPoint], vertices: &[ClosestPoint]) -> Self {
         let sum: f64 = samples.iter().map(|found| found.distance_sq).sum();
         let forward: Vec<_> = samples.iter().chain(vertices).map(|found| (found.distance_sq, found.triangle)).collect();
-        let backward = distances_sq(mesh, there);
+        let middle = |t: usize| mesh.triangle_points(t).into_iter().sum::<DVec3>() / 3.0;
+        let vertex = |v: usize| glam::Vec3::from(mesh.positions[v]).as_dvec3();
+        let mut backward = distances_sq(there, mesh.vertex_count(), vertex);
+        backward.extend(distances_sq(there, mesh.triangle_count(), middle));
         let all = forward.iter().map(|&(distance_sq, _)| distance_sq).chain(backward.iter().copied());
         let max = all.fold(0.0, f64::max).sqrt();
         Self { rms: (sum / samples.len() as f64).sqrt(), max, forward, backward }
     }
 
-    /// Triangles of the mesh with a point that is further away than `most`, or nearest to one that is; `before` are the
-    /// errors before the moves, whose nearest triangles count, too.
-    fn triangles_beyond(&self, most: f64, before: &Self) -> Vec<u32> {
+    /// Vertices of the mesh that are further away than `most`, or corners of a triangle that is or that is nearest to a point
+    /// that is; `before` are the errors before the moves, whose nearest triangles count, too.
+    fn vertices_beyond(&self, most: f64, before: &Self, mesh: &Mesh) -> Vec<u32> {
         let is_far = |distance_sq: f64| distance_sq > most * most;
         let far = self.forward.iter().zip(&before.forward).filter(|((now, _), _)| is_far(*now));
         let forward = far.flat_map(|(&(_, now), &(_, then))| [now, then]);
-        let backward = (0..).zip(&self.backward).filter(|(_, now)| is_far(**now)).map(|(t, _)| t);
-        forward.chain(backward).collect()
+        let (vertices, middles) = self.backward.split_at(mesh.vertex_count());
+        let numbers = |distances: &[f64]| -> Vec<u32> {
+            (0..).zip(distances).filter(|(_, now)| is_far(**now)).map(|(i, _)| i).collect()
+        };
+        let corners = forward.chain(numbers(middles)).flat_map(|t| mesh.triangle_vertices(t as usize));
+        corners.chain(numbers(vertices)).collect()
     }
 }
 
-/// Squared distances from the original of the corners of each triangle and of its middle: the largest of these four.
-fn distances_sq(mesh: &Mesh, there: &Bvh<'_>) -> Vec<f64> {
-    in_chunks(mesh.triangle_count(), |range| {
+/// Squared distances of points from the original.
+fn distances_sq(there: &Bvh<'_>, count: usize, point: impl Fn(usize) -> DVec3 + Sync) -> Vec<f64> {
+    in_chunks(count, |range| {
         let mut searcher = there.searcher();
-        let mut distance_sq = |p: DVec3| searcher.closest(p).map_or(0.0, |found| found.distance_sq);
-        let largest = |t: usize| {
-            let [a, b, c] = mesh.triangle_points(t);
-            [a, b, c, (a + b + c) / 3.0].into_iter().map(&mut distance_sq).fold(0.0, f64::max)
-        };
-        range.map(largest).collect()
+        range.map(|i| searcher.closest(point(i)).map_or(0.0, |found| found.distance_sq)).collect()
     })
 }
 
@@ -249,7 +251,8 @@ impl Moved {
     }
 
     fn position(&self, mesh: &Mesh, v: u32) -> glam::Vec3 {
-        (glam::Vec3::from(mesh.positions[v as usize]).as_dvec3() + self.by[v as usize]).as_vec3()
+        let most = DVec3::splat(f64::from(f32::MAX));
+        (glam::Vec3::from(mesh.positions[v as usize]).as_dvec3() + self.by[v as usize]).clamp(-most, most).as_vec3()
     }
 
     /// The mesh with its vertices where they have gone; without attributes.
@@ -296,9 +299,9 @@ impl Moved {
         }
     }
 
-    /// Takes all moves back of the vertices of some triangles.
-    fn take_back(&mut self, mesh: &Mesh, triangles: &[u32]) {
-        for v in triangles.iter().flat_map(|&t| mesh.triangle_vertices(t as usize)) {
+    /// Takes all moves of some vertices back.
+    fn take_back(&mut self, mesh: &Mesh, vertices: &[u32]) {
+        for &v in vertices {
             self.by[v as usize] = DVec3::ZERO;
         }
         self.turn_back(mesh);
