@@ -159,6 +159,8 @@ pub struct QuadricMetric {
     /// Squared distance from the original that the vertices have gone: what memoryless quadrics do not know. Steps add
     /// up like independent errors. Empty where sums are kept.
     pub(super) drift_sq: Vec<f32>,
+    /// What the sums count in the cost where quadrics are rebuilt as well.
+    remembered: f64,
     /// Used up, quadrics at vertices of very many faces stay as they are.
     patience: Patience,
 }
@@ -178,7 +180,10 @@ const VOLUME_PRICE: f64 = 1.5;
 /// What the summed quadrics count in the cost, of what the rebuilt ones do, where both are kept. By measurement: with 1,
 /// errors are 2 to 3 % larger on scans, with 0.1, coarse levels of folded surfaces (a brain) get worse, and without them
 /// thin ends vanish.
-const REMEMBERED: f64 = 0.3;
+pub(super) const REMEMBERED: f64 = 0.3;
+
+/// Faces below which they count fully: of the last shapes of a figure, each is a large part of the error.
+const LAST: usize = 500;
 
 /// How far, in edge lengths from the middle, an optimum may lie before it counts as badly conditioned.
 const REACH: f64 = 2.0;
@@ -186,7 +191,14 @@ const REACH: f64 = 2.0;
 impl QuadricMetric {
     /// A metric without quadrics yet: [`Metric::prepare`] makes them.
     pub fn new(options: QuadricOptions) -> Self {
-        Self { options, rebuilt: Vec::new(), sums: Vec::new(), drift_sq: Vec::new(), patience: Patience::default() }
+        Self {
+            options,
+            rebuilt: Vec::new(),
+            sums: Vec::new(),
+            drift_sq: Vec::new(),
+            remembered: REMEMBERED,
+            patience: Patience::default(),
+        }
     }
 
     /// The quadric of a vertex from the faces around it, and how many they are.
@@ -265,12 +277,12 @@ impl QuadricOptions {
         }
     }
 
-    /// Placement and cost of a collapse: `placing` places, and where `summed` is given, too, it counts in the cost.
+    /// Placement and cost of a collapse: `placing` places, and where `summed` is given, too, a share of it counts in the cost.
     #[inline(always)] // what it is called with lies in registers then: a fifth fewer instructions
     pub(super) fn candidate(
         &self,
         placing: &Quadric,
-        summed: Option<&Quadric>,
+        summed: Option<(&Quadric, f64)>,
         drift_sq: f64,
         edge: &EdgeContext,
     ) -> Candidate {
@@ -278,10 +290,10 @@ impl QuadricOptions {
         let mut squared = squared.max(0.0);
         let mut error_sq = mean(squared, placing.weight) + drift_sq;
         let shortness = SHORTNESS * edge.points[0].distance_squared(edge.points[1]);
-        if let Some(all) = summed {
+        if let Some((all, share)) = summed {
             let remembered = all.at(position).max(0.0);
             error_sq = error_sq.max(mean(remembered, all.weight));
-            squared += REMEMBERED * remembered;
+            squared += share * remembered;
         }
         let cost = if self.normalized { error_sq + shortness } else { squared + shortness * placing.weight };
         Candidate { cost, error_sq, position }
@@ -413,7 +425,9 @@ impl Metric for QuadricMetric {
             QuadricMemory::Rebuilt => {
                 self.options.candidate(&sum_of(&self.rebuilt), None, self.drift_sq_of(edge.ends), edge)
             }
-            QuadricMemory::Both => self.options.candidate(&sum_of(&self.rebuilt), Some(&sum_of(&self.sums)), 0.0, edge),
+            QuadricMemory::Both => {
+                self.options.candidate(&sum_of(&self.rebuilt), Some((&sum_of(&self.sums), self.remembered)), 0.0, edge)
+            }
         })
     }
 
@@ -432,7 +446,12 @@ impl Metric for QuadricMetric {
                 let q = sum_of(&self.rebuilt);
                 self.drift_sq[kept as usize] = drift_after(&q, mesh.point(kept), self.drift_sq_of(ends));
             }
-            QuadricMemory::Both => self.sums[kept as usize] = sum_of(&self.sums),
+            QuadricMemory::Both => {
+                self.sums[kept as usize] = sum_of(&self.sums);
+                if mesh.live_face_count() < LAST {
+                    self.remembered = 1.0; // costs rise, which shows when they come up
+                }
+            }
         }
         for &vertex in std::iter::once(&kept).chain(neighbors) {
             if self.patience.allows(mesh, vertex) {

@@ -17,7 +17,8 @@ use rayon::prelude::*;
 use super::driver::{Observer, Request};
 use super::legality::{Collapse, Limits, landing};
 use super::metric::{
-    Anchor, Candidate, EdgeContext, QuadricMemory, QuadricMetric, QuadricOptions, drift_after, faces_of_star,
+    Anchor, Candidate, EdgeContext, QuadricMemory, QuadricMetric, QuadricOptions, REMEMBERED, drift_after,
+    faces_of_star,
 };
 use super::options::SimplifyOptions;
 use super::quadric::Quadric;
@@ -448,7 +449,7 @@ impl Part<'_> {
             }
             QuadricMemory::Both => {
                 let q = rebuilt();
-                (q, options.candidate(&q, Some(&(self.sums[a] + self.sums[b])), 0.0, edge))
+                (q, options.candidate(&q, Some((&(self.sums[a] + self.sums[b]), REMEMBERED)), 0.0, edge))
             }
         }
     }
