@@ -55,8 +55,8 @@ pub struct AssetReport {
     pub stopped: Stop,
     /// What the constraints refused.
     pub refused: Refusals,
-    /// What fitting to the original did to each distinct mesh that has triangles, in units of the mesh, in their order;
-    /// empty if it was not asked for.
+    /// What fitting to the original did to each distinct mesh that has triangles, in world units, in their order; empty if
+    /// it was not asked for.
     pub refits: Vec<RefitReport>,
 }
 
@@ -345,10 +345,17 @@ impl Job<'_> {
             }
         }
         let own = RefitOptions { fixed, ..refit.clone() };
-        maille::refit::refit(self.mesh, &originals[self.index], &own, control).map_err(|cancelled| ProcessError::Mesh {
+        let done = maille::refit::refit(self.mesh, &originals[self.index], &own, control);
+        let done = done.map_err(|cancelled| ProcessError::Mesh {
             index: self.index,
             name: self.name.to_owned(),
             error: cancelled.into(),
+        })?;
+        Ok(RefitReport {
+            rms_before: done.rms_before * self.scale,
+            rms_after: done.rms_after * self.scale,
+            max_before: done.max_before * self.scale,
+            max_after: done.max_after * self.scale,
         })
     }
 
@@ -503,6 +510,19 @@ mod tests {
         let report = simplify_asset(&mut asset, &options, Control::default()).unwrap();
         assert!(report.refits.len() == 1 && report.refits[0].rms_after < report.refits[0].rms_before, "{report:?}");
         assert!(cap.iter().all(|p| asset.meshes[0].mesh.positions.contains(p)));
+    }
+
+    #[test]
+    fn fitting_is_told_in_world_units() {
+        let fitted = |scale: f64| {
+            let mut asset = Asset::from_mesh("sphere", maille::mesh::shapes::sphere(4));
+            asset.instances[0].transform = DMat4::from_scale(DVec3::splat(scale));
+            let mut options = AssetOptions { refit: Some(RefitOptions::default()), ..AssetOptions::default() };
+            options.simplify.target.triangles = Some(400);
+            simplify_asset(&mut asset, &options, Control::default()).unwrap().refits[0]
+        };
+        let (small, large) = (fitted(1.0), fitted(1024.0));
+        assert_eq!((large.rms_before, large.max_after), (1024.0 * small.rms_before, 1024.0 * small.max_after));
     }
 
     #[test]
