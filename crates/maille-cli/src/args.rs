@@ -231,7 +231,19 @@ pub(crate) struct SimplifyArgs {
     #[arg(long, value_name = "ATTRIBUTE", help_heading = "Constraints")]
     pub(crate) lock: Option<String>,
 
-    /// How the normals of merged vertices come about.
+    /// Whether normals, texture coordinates, colours and other attributes count in the metric besides the surface.
+    /// Default: yes, unless --metric names one: these are of the surface alone.
+    #[arg(long, value_name = "yes|no", num_args = 0..=1, default_missing_value = "yes", require_equals = true,
+        value_parser = clap::builder::BoolishValueParser::new(), help_heading = "Attributes")]
+    pub(crate) attributes: Option<bool>,
+    /// What an attribute counts in the metric: a factor on its automatic weight, for example normal=2 or COLOR_0=0. May be
+    /// given several times.
+    #[arg(long, value_name = "NAME=FACTOR", value_parser = parse_weight, help_heading = "Attributes")]
+    pub(crate) attribute_weight: Vec<(String, f64)>,
+    /// Let triangles be turned over in the texture.
+    #[arg(long, help_heading = "Attributes")]
+    pub(crate) texture_may_fold: bool,
+    /// How the normals of merged vertices come about where they do not count in the metric.
     #[arg(long, value_enum, default_value_t = Normals::Interpolate, help_heading = "Attributes")]
     pub(crate) normals: Normals,
     /// Most joints that move one vertex; default: as many as the file has room for.
@@ -502,6 +514,11 @@ fn named(names: &'static [&'static str]) -> clap::builder::PossibleValuesParser 
 
 fn parse_number(text: &str) -> Result<f64, String> {
     text.trim().parse().ok().filter(|x: &f64| x.is_finite()).ok_or_else(|| format!("'{text}' is not a number"))
+}
+
+fn parse_weight(text: &str) -> Result<(String, f64), String> {
+    let (name, factor) = text.rsplit_once('=').ok_or("an attribute and a factor are wanted: normal=2")?;
+    Ok((name.trim().to_owned(), parse_non_negative(factor)?))
 }
 
 fn parse_non_negative(text: &str) -> Result<f64, String> {

@@ -5,7 +5,9 @@ use std::sync::Mutex;
 use glam::{DMat3, DMat4};
 use maille::measure::area;
 use maille::refit::{RefitOptions, RefitReport};
-use maille::simplify::{EdgePolicy, Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, simplify};
+use maille::simplify::{
+    AttributeError, EdgePolicy, Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, simplify,
+};
 use maille::{Attribute, Control, Mesh, Semantic};
 use rayon::prelude::*;
 
@@ -28,6 +30,8 @@ pub struct AssetOptions {
     /// distinct meshes together, the largest error is a distance in world units. `locked` and `importance` must be
     /// empty: they are per vertex, name attributes instead.
     pub simplify: SimplifyOptions,
+    /// Factors on what single attributes count in the metric, by the names that the file gives them ([`find_attribute`]).
+    pub attribute_weights: Vec<(String, f64)>,
     /// Attribute of importance, by the name the file gives it ([`find_attribute`]): its first component is a factor on
     /// the cost of collapses; of a colour, the brightness from black (1) to white (100).
     pub importance: Option<String>,
@@ -51,6 +55,8 @@ pub struct AssetReport {
     pub collapses: u64,
     /// Largest error of a collapse by the metric's estimate, in world units.
     pub error: f64,
+    /// What became of the attributes that counted in the metric: the largest weight, in world units, and error of each.
+    pub attributes: Vec<AttributeError>,
     /// Why the work stopped: the reason of the mesh that was furthest from the target.
     pub stopped: Stop,
     /// What the constraints refused.
@@ -108,7 +114,8 @@ pub fn simplify_asset(
     if before.iter().sum::<usize>() == 0 {
         return Err(ProcessError::NoTriangles);
     }
-    for name in options.importance.iter().chain(&options.lock) {
+    let weighted = options.attribute_weights.iter().map(|(name, _)| name);
+    for name in options.importance.iter().chain(&options.lock).chain(weighted) {
         require_attribute(asset, name)?;
     }
     let scales = world_scales(asset);
@@ -156,6 +163,7 @@ pub fn find_attribute<'a>(mesh: &'a Mesh, name: &str) -> Option<&'a Attribute> {
 
 fn gltf_name(semantic: &Semantic) -> Option<String> {
     match semantic {
+        Semantic::Normal => Some("NORMAL".to_owned()),
         Semantic::Color(n) => Some(format!("COLOR_{n}")),
         Semantic::TexCoord(n) => Some(format!("TEXCOORD_{n}")),
         Semantic::Weights(n) => Some(format!("WEIGHTS_{n}")),
@@ -307,6 +315,11 @@ impl Job<'_> {
         if let Some(attribute) = options.importance.as_deref().and_then(|name| find_attribute(self.mesh, name)) {
             own.importance = importance_of(self.mesh, attribute);
         }
+        for (name, factor) in &options.attribute_weights {
+            if let Some(attribute) = find_attribute(self.mesh, name) {
+                own.attributes.named.push((attribute.semantic.clone(), *factor));
+            }
+        }
         own.locked = self.locked(options);
         let report = simplify(self.mesh, &own, control)?;
         self.report = Some(match self.report.take() {
@@ -416,9 +429,16 @@ fn joined(earlier: &SimplifyReport, later: &SimplifyReport) -> SimplifyReport {
         triangles_in: earlier.triangles_in,
         collapses: earlier.collapses + later.collapses,
         error: earlier.error.max(later.error),
+        attributes: later.attributes.iter().map(|l| larger(earlier.attributes.iter(), l)).collect(),
         refused: sum(earlier.refused, later.refused),
         ..later.clone()
     }
+}
+
+/// An attribute's error, or a larger one of the same attribute.
+fn larger<'a>(mut others: impl Iterator<Item = &'a AttributeError>, one: &AttributeError) -> AttributeError {
+    let same = others.find(|other| other.semantic == one.semantic);
+    AttributeError { error: same.map_or(one.error, |other| other.error.max(one.error)), ..one.clone() }
 }
 
 fn sum(a: Refusals, b: Refusals) -> Refusals {
@@ -429,15 +449,26 @@ fn sum(a: Refusals, b: Refusals) -> Refusals {
         locked: a.locked + b.locked,
         valence: a.valence + b.valence,
         quality: a.quality + b.quality,
+        texture: a.texture + b.texture,
     }
 }
 
 fn summary(jobs: Vec<Job<'_>>, before: &[usize], total: Option<usize>) -> AssetReport {
     let mut meshes: Vec<SimplifyReport> = before.iter().map(|_| untouched()).collect();
     let mut error = 0.0_f64;
+    let mut attributes: Vec<AttributeError> = Vec::new();
     for job in jobs {
         let report = job.report.expect("every job has run");
         error = error.max(report.error * job.scale);
+        for own in &report.attributes {
+            let own = AttributeError { weight: own.weight * job.scale, ..own.clone() };
+            match attributes.iter_mut().find(|known| known.semantic == own.semantic) {
+                Some(known) => {
+                    (known.error, known.weight) = (known.error.max(own.error), known.weight.max(own.weight));
+                }
+                None => attributes.push(own),
+            }
+        }
         meshes[job.index] = report;
     }
     let triangles_out = meshes.iter().map(|report| report.triangles_out).sum();
@@ -451,6 +482,7 @@ fn summary(jobs: Vec<Job<'_>>, before: &[usize], total: Option<usize>) -> AssetR
         triangles_out,
         collapses: meshes.iter().map(|report| report.collapses).sum(),
         error,
+        attributes,
         stopped,
         refused: meshes.iter().fold(Refusals::default(), |all, report| sum(all, report.refused)),
         refits: Vec::new(),
@@ -465,6 +497,7 @@ fn untouched() -> SimplifyReport {
         triangles_out: 0,
         collapses: 0,
         error: 0.0,
+        attributes: Vec::new(),
         stopped: Stop::Exhausted,
         refused: Refusals::default(),
     }

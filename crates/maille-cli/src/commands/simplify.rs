@@ -6,7 +6,8 @@ use std::time::Instant;
 
 use maille::refit::RefitOptions;
 use maille::simplify::{
-    EdgePolicy, MetricKind, Order, PlacementKind, Refusals, SimplifyError, SimplifyOptions, Stop, TopologyPolicy,
+    AttributeWeights, EdgePolicy, MetricKind, Order, PlacementKind, Refusals, SimplifyError, SimplifyOptions, Stop,
+    TopologyPolicy,
 };
 use maille_io::{Asset, AssetOptions, AssetReport, ProcessError, WriteOptions, Written, simplify_asset};
 use serde_json::{Value, json};
@@ -67,8 +68,14 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
     simplify.join_distance = args.join_distance.map(|distance| distance.in_units(diagonal));
     simplify.normals = args.normals.into();
     simplify.max_influences = args.max_influences;
+    let surface_alone = args.metric.is_some() && args.attribute_weight.is_empty();
+    if !args.attributes.unwrap_or(!surface_alone) {
+        simplify.attributes = AttributeWeights::NONE;
+    }
+    simplify.texture_may_fold = args.texture_may_fold;
     let refit = args.refit.unwrap_or(args.preset == Preset::Best).then(RefitOptions::default);
-    AssetOptions { simplify, importance: args.importance.clone(), lock: args.lock.clone(), refit }
+    let attribute_weights = args.attribute_weight.clone();
+    AssetOptions { simplify, attribute_weights, importance: args.importance.clone(), lock: args.lock.clone(), refit }
 }
 
 /// The bundle of options that a preset stands for.
@@ -134,6 +141,10 @@ impl Done {
             })
         });
         let refits: Vec<Value> = refits.collect();
+        let attributes = report.attributes.iter().map(|attribute| {
+            json!({ "name": attribute.semantic.to_string(), "weight": attribute.weight, "error": attribute.error })
+        });
+        let attributes: Vec<Value> = attributes.collect();
         json!({
             "input": args.input.display().to_string(),
             "output": self.path.display().to_string(),
@@ -146,6 +157,7 @@ impl Done {
             "stopped": stop_name(report.stopped),
             "error": report.error,
             "diagonal": self.diagonal,
+            "attributes": attributes,
             "collapses": report.collapses,
             "refit": refits,
             "refused": refusals(&report.refused).into_iter().collect::<serde_json::Map<_, _>>(),
@@ -165,6 +177,11 @@ impl Done {
         listing.line("time", output::seconds(self.seconds));
         listing.line("stopped", explanation(report.stopped));
         listing.line("error", format!("{}, as the metric estimates", output::distance(report.error, self.diagonal)));
+        for attribute in &report.attributes {
+            let worth = output::distance(attribute.weight, self.diagonal);
+            let told = format!("{:.3} at most, as the metric estimates; 1 counts as {worth}", attribute.error);
+            listing.line(&attribute.semantic.to_string(), told);
+        }
         if let [refit] = report.refits.as_slice() {
             let [before, after] = [refit.rms_before, refit.rms_after].map(|rms| output::distance(rms, self.diagonal));
             listing.line("fitted", format!("root mean square distance {before} -> {after}"));
@@ -199,6 +216,7 @@ impl Done {
             barrier(refused.locked, "between locked vertices", &unlocked),
             barrier(refused.valence, "for the valence", "a wider --valence"),
             barrier(refused.quality, "for the quality of triangles", "a lower --min-quality"),
+            barrier(refused.texture, "for fold-over in the texture", "--texture-may-fold"),
         ];
         let mut found: Vec<Barrier> = all.into_iter().filter(|barrier| barrier.refused > 0).collect();
         found.sort_by_key(|barrier| Reverse(barrier.refused));
@@ -219,7 +237,7 @@ impl Done {
     }
 }
 
-fn refusals(refused: &Refusals) -> [(String, Value); 6] {
+fn refusals(refused: &Refusals) -> [(String, Value); 7] {
     [
         ("topology", refused.topology),
         ("fold_over", refused.fold_over),
@@ -227,6 +245,7 @@ fn refusals(refused: &Refusals) -> [(String, Value); 6] {
         ("locked", refused.locked),
         ("valence", refused.valence),
         ("quality", refused.quality),
+        ("texture", refused.texture),
     ]
     .map(|(name, n)| (name.to_owned(), n.into()))
 }

@@ -174,7 +174,7 @@ impl<M: Metric> Costs<'_, M> {
         let ends = self.mesh.ends(edge);
         let anchor = self.features.anchor(edge, ends)?;
         let context = EdgeContext { ends, points: ends.map(|v| self.mesh.point(v)), anchor };
-        let mut candidate = self.metric.evaluate(&context);
+        let mut candidate = self.metric.evaluate(self.mesh, &context);
         if let (Some(candidate), false) = (&mut candidate, self.importance.is_empty()) {
             let [a, b] = ends.map(|v| f64::from(self.importance[v as usize]));
             candidate.cost *= match anchor {
@@ -280,7 +280,11 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
             points: [a, b],
             anchor: self.features.anchor(edge, [kept, removed]).unwrap_or(Anchor::First),
         };
-        let target = self.metric.refine(self.mesh, &context, candidate, [&self.kept_ring, &self.removed_ring]);
+        let rings = [self.kept_ring.as_slice(), self.removed_ring.as_slice()];
+        let Some(target) = self.metric.refine(self.mesh, &context, candidate, rings) else {
+            self.outcome.refused.texture += 1;
+            return false;
+        };
         let stored = [kept, removed].map(|v| self.mesh.position(v));
         let (position, t) = landing(self.mesh.frame(), target, stored, [a, b]);
         let error = candidate.error_sq.sqrt() * self.mesh.frame().unit();
@@ -311,6 +315,7 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
             return false;
         }
         self.observer.on_collapse(&collapse);
+        self.metric.on_collapse(&collapse);
         self.outcome.collapses += 1;
         self.outcome.error = self.outcome.error.max(error);
         self.mesh.collapse(&star, position, &mut self.marks, &mut self.effect);

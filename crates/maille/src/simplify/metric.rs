@@ -4,6 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::features::Features;
+use super::legality::Collapse;
 use super::options::{PlacementKind, QuadricWeight};
 use super::patience::Patience;
 use super::quadric::Quadric;
@@ -64,13 +65,22 @@ pub trait Metric: Sync {
     fn prepare(&mut self, mesh: &CollapseMesh, features: &Features);
 
     /// The best placement for merging the ends of an edge; `None` when the metric forbids it.
-    fn evaluate(&self, edge: &EdgeContext) -> Option<Candidate>;
+    fn evaluate(&self, mesh: &CollapseMesh, edge: &EdgeContext) -> Option<Candidate>;
 
     /// A last look at the placement of a collapse about to be made, with the faces around both ends at hand; the
-    /// candidate's own by default.
-    fn refine(&self, _: &CollapseMesh, _: &EdgeContext, candidate: &Candidate, _: [&[RingFace]; 2]) -> DVec3 {
-        candidate.position
+    /// candidate's own by default. `None` refuses the collapse. Other tests may still refuse it.
+    fn refine(
+        &mut self,
+        _: &CollapseMesh,
+        _: &EdgeContext,
+        candidate: &Candidate,
+        _: [&[RingFace]; 2],
+    ) -> Option<DVec3> {
+        Some(candidate.position)
     }
+
+    /// The collapse that was refined last is about to be made.
+    fn on_collapse(&mut self, _: &Collapse<'_>) {}
 
     /// The edge has collapsed: `removed` is now `kept`. `neighbors` are the vertices around it.
     fn commit(&mut self, mesh: &CollapseMesh, kept: u32, removed: u32, neighbors: &[u32], features: &Features);
@@ -98,7 +108,7 @@ impl ShortestEdge {
 impl Metric for ShortestEdge {
     fn prepare(&mut self, _: &CollapseMesh, _: &Features) {}
 
-    fn evaluate(&self, edge: &EdgeContext) -> Option<Candidate> {
+    fn evaluate(&self, _: &CollapseMesh, edge: &EdgeContext) -> Option<Candidate> {
         let [a, b] = edge.points;
         let cost = a.distance_squared(b);
         let (position, error_sq) = match (edge.anchor, self.placement) {
@@ -228,6 +238,52 @@ impl QuadricMetric {
             }
         }
         sum
+    }
+
+    /// The quadric that places the merged vertex of an edge.
+    #[inline]
+    fn placing(&self, [a, b]: [u32; 2]) -> Quadric {
+        let quadrics = if self.options.memory == QuadricMemory::Summed { &self.sums } else { &self.rebuilt };
+        quadrics[a as usize] + quadrics[b as usize]
+    }
+
+    /// As [`Metric::evaluate`], if more than the surface decides: `more` counts in placement and cost, not in the error.
+    #[inline]
+    pub(super) fn evaluate_with(&self, more: &Quadric, edge: &EdgeContext) -> Candidate {
+        let surface = self.placing(edge.ends);
+        let mut all = surface + *more;
+        all.weight = surface.weight;
+        let summed = match self.options.memory {
+            QuadricMemory::Both => Some(self.sums[edge.ends[0] as usize] + self.sums[edge.ends[1] as usize]),
+            QuadricMemory::Summed | QuadricMemory::Rebuilt => None,
+        };
+        let remembered = summed.as_ref().map(|sums| (sums, self.remembered));
+        let mut candidate = self.options.candidate(&all, remembered, 0.0, edge);
+        let mut error_sq = mean(surface.at(candidate.position).max(0.0), surface.weight) + self.drift_sq_of(edge.ends);
+        if let Some(sums) = summed {
+            error_sq = error_sq.max(mean(sums.at(candidate.position).max(0.0), sums.weight));
+        }
+        candidate.error_sq = error_sq;
+        candidate
+    }
+
+    /// As [`Metric::refine`], if more than the surface decides.
+    #[inline]
+    pub(super) fn refine_with(
+        &self,
+        more: &Quadric,
+        mesh: &CollapseMesh,
+        edge: &EdgeContext,
+        position: DVec3,
+        rings: [&[RingFace]; 2],
+    ) -> DVec3 {
+        let placing = self.placing(edge.ends) + *more;
+        self.options.refine(&placing, edge, position, faces_of_star(edge.ends, rings, |v| mesh.point(v)))
+    }
+
+    /// Whether the quadric at a vertex is still brought up to date: always, unless it has very many faces.
+    pub(super) fn is_patient_with(&self, mesh: &CollapseMesh, vertex: u32) -> bool {
+        self.patience.allows(mesh, vertex)
     }
 
     /// The larger drift of two vertices.
@@ -418,7 +474,7 @@ impl Metric for QuadricMetric {
     }
 
     #[inline]
-    fn evaluate(&self, edge: &EdgeContext) -> Option<Candidate> {
+    fn evaluate(&self, _: &CollapseMesh, edge: &EdgeContext) -> Option<Candidate> {
         let sum_of = |quadrics: &[Quadric]| quadrics[edge.ends[0] as usize] + quadrics[edge.ends[1] as usize];
         Some(match self.options.memory {
             QuadricMemory::Summed => self.options.candidate(&sum_of(&self.sums), None, 0.0, edge),
@@ -431,10 +487,14 @@ impl Metric for QuadricMetric {
         })
     }
 
-    fn refine(&self, mesh: &CollapseMesh, edge: &EdgeContext, candidate: &Candidate, rings: [&[RingFace]; 2]) -> DVec3 {
-        let quadrics = if self.options.memory == QuadricMemory::Summed { &self.sums } else { &self.rebuilt };
-        let placing = quadrics[edge.ends[0] as usize] + quadrics[edge.ends[1] as usize];
-        self.options.refine(&placing, edge, candidate.position, faces_of_star(edge.ends, rings, |v| mesh.point(v)))
+    fn refine(
+        &mut self,
+        mesh: &CollapseMesh,
+        edge: &EdgeContext,
+        candidate: &Candidate,
+        rings: [&[RingFace]; 2],
+    ) -> Option<DVec3> {
+        Some(self.refine_with(&Quadric::default(), mesh, edge, candidate.position, rings))
     }
 
     fn commit(&mut self, mesh: &CollapseMesh, kept: u32, removed: u32, neighbors: &[u32], features: &Features) {

@@ -9,11 +9,15 @@
 //! | `queue` | edges by cost, cheapest first |
 //! | `passes` | many collapses at once, on all cores, before the queue |
 //! | `metric`, `quadric` | costs and placements |
+//! | `attributes` | the same with what wedges carry |
+//! | `corners` | which wedge each corner has |
 //! | `features` | borders, seams, material borders, locks |
 //! | `legality` | link condition, fold-over, valence, quality |
 //! | `wedges` | attributes of merged wedges |
 //! | `pairs` | vertices to be joined although no edge does |
 
+mod attributes;
+mod corners;
 mod driver;
 mod features;
 mod legality;
@@ -36,8 +40,8 @@ pub use metric::{
     Anchor, Candidate, EdgeContext, Metric, QuadricMemory, QuadricMetric, QuadricOptions, ShortestEdge, Update,
 };
 pub use options::{
-    EdgePolicy, MetricKind, NormalPolicy, Order, PlacementKind, QuadricWeight, Refusals, SimplifyError,
-    SimplifyOptions, SimplifyReport, Stop, Target, TopologyPolicy,
+    AttributeError, AttributeWeights, EdgePolicy, MetricKind, NormalPolicy, Order, PlacementKind, QuadricWeight,
+    Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, Target, TopologyPolicy,
 };
 pub use quadric::Quadric;
 pub use wedges::WedgeMerger;
@@ -45,6 +49,7 @@ pub use wedges::WedgeMerger;
 use crate::topology::CollapseMesh;
 use crate::topology::collapse_mesh::Frame;
 use crate::{Control, Mesh};
+use attributes::AttributeMetric;
 use passes::{Done, Surface, collapse_in_passes};
 
 /// Reduces a triangle mesh by greedy edge collapse, cheapest first.
@@ -83,10 +88,13 @@ pub fn simplify(
     check_options(mesh, options)?;
     let triangles_in = mesh.triangle_count();
     let (mut work, options) = sorted(mesh, options);
+    let frame = Frame::of(&work.positions);
+    let quadric = quadric_options(&options);
+    let mut appearance = quadric.and_then(|quadric| AttributeMetric::new(quadric, &work, &frame, &options));
+    let mut surface_metric = quadric.filter(|_| appearance.is_none()).map(QuadricMetric::new);
     let positions = std::mem::take(&mut work.positions);
     let triangles: Vec<[u32; 3]> = work.triangles.iter().map(|t| t.map(|w| work.wedge_vertices[w as usize])).collect();
     let mut wedges = WedgeMerger::new(work, &options);
-    let frame = Frame::of(&positions);
     let mut request = Request {
         order: options.order,
         target_faces: options.target.triangles.unwrap_or(1),
@@ -102,10 +110,9 @@ pub fn simplify(
         importance: &options.importance,
     };
     let close = options.join_distance.map(|distance| pairs::close_pairs(&positions, distance));
-    let mut metric = quadric_options(&options).map(QuadricMetric::new);
     let mut done = Done::default();
     let importance;
-    let mut faces = match &mut metric {
+    let mut faces = match &mut surface_metric {
         Some(metric) if wants_passes(&options) => {
             let mut surface = Surface::new(frame, positions, &triangles, &wedges, &options);
             drop(triangles);
@@ -122,19 +129,24 @@ pub fn simplify(
         faces.add_pairs(&close);
     }
     let mut features = Features::new(&wedges, &faces, &options);
-    let outcome = match metric {
-        None => {
+    let outcome = match (surface_metric, &mut appearance) {
+        (Some(mut metric), _) => collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control),
+        (None, Some(metric)) => collapse_edges(&mut faces, metric, &mut features, &mut wedges, &request, control),
+        (None, None) => {
             let mut metric = ShortestEdge::new(options.placement);
             collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
         }
-        Some(mut metric) => collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control),
     }?;
+    if let Some(metric) = &appearance {
+        metric.give_values(wedges.mesh_mut());
+    }
     *mesh = wedges.finish(faces);
     Ok(SimplifyReport {
         triangles_in,
         triangles_out: mesh.triangle_count(),
         collapses: done.collapses + outcome.collapses,
         error: done.error.max(outcome.error),
+        attributes: appearance.map_or_else(Vec::new, |metric| metric.errors()),
         stopped: match outcome.stopped {
             Stop::Triangles if options.target.triangles.is_none() => Stop::Exhausted,
             stopped => stopped,
@@ -198,6 +210,10 @@ fn check_options(mesh: &Mesh, options: &SimplifyOptions) -> Result<(), SimplifyE
     }
     if !positive(options.constraint_weight) {
         return invalid("constraint_weight", "must be finite and not negative");
+    }
+    let factors = options.attributes.named.iter().map(|&(_, factor)| factor);
+    if !factors.chain([options.attributes.factor]).all(positive) {
+        return invalid("attributes", "factors must be finite and not negative");
     }
     if !options.join_distance.is_none_or(positive) {
         return invalid("join_distance", "must be finite and not negative");

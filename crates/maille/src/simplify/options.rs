@@ -1,6 +1,7 @@
 //! What a caller asks of the simplifier, and what it answers.
 
 use crate::control::Cancelled;
+use crate::mesh::Semantic;
 
 /// When to stop. Several may be given; the first one reached stops the work.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -155,6 +156,46 @@ pub enum NormalPolicy {
     Recompute,
 }
 
+/// How much wedge attributes count in quadric metrics, besides the surface.
+///
+/// Each has an automatic weight, which tells what distance a difference of 1 is worth; factors are on these. Skins and
+/// tangents never count: what they do shows in motion and follows from the rest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AttributeWeights {
+    /// Factor on the weights of all that is not named; 0: they do not count.
+    pub factor: f64,
+    /// Factors on some attributes.
+    pub named: Vec<(Semantic, f64)>,
+}
+
+impl AttributeWeights {
+    /// Only the surface counts.
+    pub const NONE: Self = Self { factor: 0.0, named: Vec::new() };
+
+    /// The factor of an attribute.
+    pub fn factor_of(&self, semantic: &Semantic) -> f64 {
+        self.named.iter().rev().find(|(named, _)| named == semantic).map_or(self.factor, |&(_, factor)| factor)
+    }
+}
+
+impl Default for AttributeWeights {
+    fn default() -> Self {
+        Self { factor: 1.0, named: Vec::new() }
+    }
+}
+
+/// What simplification has done to an attribute that counted in the metric.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AttributeError {
+    /// Which.
+    pub semantic: Semantic,
+    /// Distance that a difference of 1 was worth, in model units.
+    pub weight: f64,
+    /// Largest error of a collapse, in units of the attribute: root of the mean squared difference over the faces around.
+    /// As the error of the surface it is an estimate of the metric.
+    pub error: f64,
+}
+
 /// Everything the simplifier can be asked for. `SimplifyOptions::default()` with a target is what most want.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimplifyOptions {
@@ -166,6 +207,10 @@ pub struct SimplifyOptions {
     pub quadric_weight: QuadricWeight,
     /// Where merged vertices go.
     pub placement: PlacementKind,
+    /// What the attributes of wedges count, with quadric metrics.
+    pub attributes: AttributeWeights,
+    /// Whether triangles may be turned over in the texture, where texture coordinates count.
+    pub texture_may_fold: bool,
     /// In which order edges collapse.
     pub order: Order,
     /// Open borders.
@@ -205,6 +250,8 @@ impl Default for SimplifyOptions {
             metric: MetricKind::default(),
             quadric_weight: QuadricWeight::default(),
             placement: PlacementKind::default(),
+            attributes: AttributeWeights::default(),
+            texture_may_fold: false,
             order: Order::default(),
             boundary: EdgePolicy::default(),
             seams: EdgePolicy::Hold,
@@ -252,6 +299,8 @@ pub struct Refusals {
     pub valence: u64,
     /// By the quality of triangles.
     pub quality: u64,
+    /// Because a triangle would be turned over in the texture.
+    pub texture: u64,
 }
 
 /// What the simplifier did.
@@ -266,6 +315,8 @@ pub struct SimplifyReport {
     /// Largest error of a collapse, in model units: an estimate by the metric, not a bound; measure with
     /// [`compare`](crate::measure).
     pub error: f64,
+    /// What became of the attributes that counted in the metric.
+    pub attributes: Vec<AttributeError>,
     /// Why it stopped.
     pub stopped: Stop,
     /// What the constraints refused.

@@ -32,6 +32,37 @@ impl Quadric {
         }
     }
 
+    /// Adds `(p - origin)' M (p - origin)`; M as xx, xy, xz, yy, yz, zz.
+    #[inline]
+    pub(super) fn add_form(&mut self, m: [f64; 6], origin: DVec3) {
+        let [xx, xy, xz, yy, yz, zz] = m;
+        let b = DVec3::new(
+            xx * origin.x + xy * origin.y + xz * origin.z,
+            xy * origin.x + yy * origin.y + yz * origin.z,
+            xz * origin.x + yz * origin.y + zz * origin.z,
+        );
+        self.a.iter_mut().zip(m).for_each(|(sum, x)| *sum += x);
+        self.b.iter_mut().zip(b.to_array()).for_each(|(sum, x)| *sum -= x);
+        self.c += origin.dot(b);
+    }
+
+    /// Adds `2 (slope . p + offset)`.
+    #[inline]
+    pub(super) fn add_linear(&mut self, slope: DVec3, offset: f64) {
+        self.b.iter_mut().zip(slope.to_array()).for_each(|(sum, x)| *sum += x);
+        self.c += 2.0 * offset;
+    }
+
+    /// Adds `factor (slope . p + offset)^2`.
+    #[inline]
+    pub(super) fn add_square(&mut self, slope: DVec3, offset: f64, factor: f64) {
+        let n = slope * factor;
+        let a = [n.x * slope.x, n.x * slope.y, n.x * slope.z, n.y * slope.y, n.y * slope.z, n.z * slope.z];
+        self.a.iter_mut().zip(a).for_each(|(sum, x)| *sum += x);
+        self.b.iter_mut().zip(n.to_array()).for_each(|(sum, x)| *sum += x * offset);
+        self.c += factor * offset * offset;
+    }
+
     /// `A p + b`, half the gradient at p.
     #[inline]
     fn half_gradient(&self, p: DVec3) -> DVec3 {

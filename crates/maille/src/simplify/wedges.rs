@@ -1,96 +1,34 @@
 //! Wedges and attributes through collapses (seed 000, 4.1.2 and 4.2.3; Hoppe 1996).
 
+use super::corners::Corners;
 use super::driver::Observer;
 use super::features::same_value;
 use super::legality::Collapse;
 use super::options::{NormalPolicy, SimplifyOptions};
 use crate::mesh::{Attribute, Mesh, Semantic, Values};
 use crate::topology::CollapseMesh;
-use crate::topology::collapse_mesh::RingFace;
 
-/// The attributes of a mesh under simplification.
-///
-/// A vanishing face brings its wedge at the one end and its wedge at the other together: these become one, and with
-/// them all wedges that hang on the same continuity. What no vanishing face joins stays apart:
-///
-/// ```text
-///        x                    x            C0 = C1 and C2 = C3: smooth from the left
-///      / | \                  |            face to the right one, so after the collapse
-///    C0 C1  C2 C3    =>    C0 | C3         C0 and C3 are one wedge; otherwise the edge
-///     a-----b                 v            from v to x becomes a seam
-/// ```
+/// The attributes of a mesh under simplification: those of wedges that become one ([`Corners`]) are blended.
 #[derive(Debug)]
 pub struct WedgeMerger<'a> {
-    /// Triangles over wedges; `None` when each vertex has one wedge, of its own number.
-    triangles: Option<Vec<[u32; 3]>>,
+    corners: Corners,
     /// All but the triangles and positions.
     mesh: Mesh,
     /// Wedges whose normals are to be computed anew at the end; empty when none ever are.
     stale_normals: Vec<bool>,
     options: &'a SimplifyOptions,
-    scratch: Groups,
-}
-
-/// Which wedges become one: a small union-find over the wedges of the vanishing faces.
-#[derive(Debug, Default)]
-struct Groups {
-    /// (wedge of the kept vertex, wedge of the removed vertex) of each vanishing face.
-    pairs: Vec<(u32, u32)>,
-    /// All wedges of the pairs, sorted.
-    wedges: Vec<u32>,
-    /// For each of `wedges`, the place of one that it is equal to, nearer to the root.
-    parent: Vec<u32>,
-}
-
-impl Groups {
-    fn find(&self, mut i: u32) -> u32 {
-        while self.parent[i as usize] != i {
-            i = self.parent[i as usize];
-        }
-        i
-    }
-
-    fn place(&self, wedge: u32) -> Option<u32> {
-        self.wedges.binary_search(&wedge).ok().map(|i| i as u32)
-    }
-
-    /// The wedge that stands for the group of a wedge: the lowest.
-    fn representative(&self, wedge: u32) -> Option<u32> {
-        self.place(wedge).map(|i| self.wedges[self.find(i) as usize])
-    }
-
-    fn join(&mut self) {
-        self.wedges.clear();
-        self.wedges.extend(self.pairs.iter().flat_map(|&(a, b)| [a, b]));
-        self.wedges.sort_unstable();
-        self.wedges.dedup();
-        self.parent.clear();
-        self.parent.extend(0..self.wedges.len() as u32);
-        for &(a, b) in &self.pairs {
-            let root = |wedge| self.find(self.place(wedge).expect("all wedges of the pairs are listed"));
-            let (a, b) = (root(a), root(b));
-            self.parent[a.max(b) as usize] = a.min(b);
-        }
-    }
 }
 
 impl<'a> WedgeMerger<'a> {
     /// Takes over a mesh whose positions are (or will be) in a [`CollapseMesh`]; its own are not looked at.
     pub fn new(mut mesh: Mesh, options: &'a SimplifyOptions) -> Self {
-        let plain = mesh.wedge_vertices.iter().enumerate().all(|(w, &v)| w == v as usize);
         let recompute = options.normals == NormalPolicy::Recompute && mesh.wedge_attribute(&Semantic::Normal).is_some();
-        let triangles = std::mem::take(&mut mesh.triangles);
+        let corners = Corners::new(std::mem::take(&mut mesh.triangles), &mesh.wedge_vertices);
         let skinned = mesh.wedge_attributes.iter().any(is_skin);
         if let Some(most) = options.max_influences.filter(|_| skinned) {
             (0..mesh.wedge_count() as u32).for_each(|w| limit_influences(&mut mesh.wedge_attributes, w, most));
         }
-        Self {
-            triangles: (!plain).then_some(triangles),
-            stale_normals: vec![false; if recompute { mesh.wedge_count() } else { 0 }],
-            mesh,
-            options,
-            scratch: Groups::default(),
-        }
+        Self { corners, stale_normals: vec![false; if recompute { mesh.wedge_count() } else { 0 }], mesh, options }
     }
 
     /// Whether there is nothing to merge.
@@ -99,12 +37,12 @@ impl<'a> WedgeMerger<'a> {
         mesh.wedge_attributes.is_empty()
             && mesh.vertex_attributes.is_empty()
             && mesh.morph_targets.is_empty()
-            && self.triangles.is_none()
+            && self.corners.are_plain()
     }
 
     /// Whether vertices may have several wedges.
     pub(super) fn have_seams(&self) -> bool {
-        self.triangles.is_some()
+        !self.corners.are_plain()
     }
 
     /// Whether triangles have materials.
@@ -120,10 +58,17 @@ impl<'a> WedgeMerger<'a> {
     /// Whether attributes other than normals and tangents differ between two corners of triangles at the same vertex.
     /// Normals do not count: what is flat-shaded has creases everywhere, and quadrics keep sharp edges by themselves.
     pub(super) fn jump_between(&self, one: (usize, usize), other: (usize, usize)) -> bool {
-        let Some(triangles) = &self.triangles else { return false };
-        let [v, w] = [one, other].map(|(triangle, corner)| triangles[triangle][corner]);
+        if self.corners.are_plain() {
+            return false;
+        }
+        let [v, w] = [one, other].map(|(triangle, corner)| self.corners.of(triangle, [0; 3])[corner]);
         let counts = |a: &&Attribute| !matches!(a.semantic, Semantic::Normal | Semantic::Tangent);
         v != w && !self.mesh.wedge_attributes.iter().filter(counts).all(|a| same_value(a, v, w))
+    }
+
+    /// The attributes, to be changed from outside.
+    pub(super) fn mesh_mut(&mut self) -> &mut Mesh {
+        &mut self.mesh
     }
 
     /// The mesh that is left: all compacted, in the order it had.
@@ -137,7 +82,7 @@ impl<'a> WedgeMerger<'a> {
         let mut triangles = Vec::with_capacity(live.len());
         for &f in &live {
             let vertices = faces.face(f as usize).expect("only live faces are listed");
-            let wedges = self.triangles.as_ref().map_or(vertices, |triangles| triangles[f as usize]);
+            let wedges = self.corners.of(f as usize, vertices);
             for (w, v) in wedges.into_iter().zip(vertices) {
                 wedge_vertices[w as usize] = v;
             }
@@ -157,7 +102,7 @@ impl<'a> WedgeMerger<'a> {
         let mut sums = vec![glam::DVec3::ZERO; self.stale_normals.len()];
         for &f in live {
             let vertices = faces.face(f as usize).expect("only live faces are listed");
-            let wedges = self.triangles.as_ref().map_or(vertices, |triangles| triangles[f as usize]);
+            let wedges = self.corners.of(f as usize, vertices);
             let p = vertices.map(|v| faces.point(v));
             let normal = (p[1] - p[0]).cross(p[2] - p[0]).normalize_or_zero();
             for k in 0..3 {
@@ -176,38 +121,16 @@ impl<'a> WedgeMerger<'a> {
         }
     }
 
-    fn merge_groups(&mut self, collapse: &Collapse<'_>) {
-        let Some(triangles) = &mut self.triangles else { return };
-        let groups = &mut self.scratch;
-        groups.pairs.clear();
-        for face in collapse.star.kept_ring.iter().filter(|face| collapse.star.kills(face)) {
-            let other = if face.x == collapse.star.removed { face.corner + 1 } else { face.corner + 2 } % 3;
-            let wedges = triangles[face.face as usize];
-            groups.pairs.push((wedges[face.corner as usize], wedges[other as usize]));
-        }
-        groups.join();
-        let rename = |face: &RingFace, triangles: &mut Vec<[u32; 3]>| {
-            let wedge = &mut triangles[face.face as usize][face.corner as usize];
-            if let Some(representative) = groups.representative(*wedge) {
-                *wedge = representative;
-            }
-        };
-        for face in
-            collapse.star.kept_ring.iter().chain(collapse.star.removed_ring).filter(|face| !collapse.star.kills(face))
-        {
-            rename(face, triangles);
-        }
-    }
-
     /// Blends into the wedges that no vanishing face joins what has no jump at their vertex: they stay apart from the
     /// merged ones, but only in what makes them differ.
     fn blend_loose_wedges(&mut self, collapse: &Collapse<'_>) {
-        let Some(triangles) = &self.triangles else { return };
-        let groups = &self.scratch;
-        let loose = [collapse.star.kept_ring, collapse.star.removed_ring].map(|ring| {
-            let staying = ring.iter().filter(|face| !collapse.star.kills(face));
-            let wedges = staying.map(|face| triangles[face.face as usize][face.corner as usize]);
-            let mut loose: Vec<u32> = wedges.filter(|&w| groups.place(w).is_none()).collect();
+        if self.corners.are_plain() {
+            return;
+        }
+        let star = &collapse.star;
+        let loose = [(star.kept, star.kept_ring), (star.removed, star.removed_ring)].map(|(v, ring)| {
+            let wedges = ring.iter().filter(|face| !star.kills(face)).map(|face| self.corners.at(face, v));
+            let mut loose: Vec<u32> = wedges.filter(|&w| self.corners.merged(w).is_none()).collect();
             loose.sort_unstable();
             loose.dedup();
             loose
@@ -227,7 +150,7 @@ impl<'a> WedgeMerger<'a> {
     /// Joints, weights and morphed positions are taken for equal all around a vertex: were they not, the surface would
     /// have cracks once it moves.
     fn blend_loose(&mut self, w: u32, ends: impl Fn((u32, u32)) -> [u32; 2], own: impl Fn((u32, u32)) -> u32, t: f32) {
-        let pairs = &self.scratch.pairs;
+        let pairs = self.corners.pairs();
         let Some(&any) = pairs.first() else { return };
         let like = |attribute: &Attribute| pairs.iter().find(|&&pair| same_value(attribute, w, own(pair))).copied();
         for attribute in self.mesh.wedge_attributes.iter_mut().filter(|attribute| !is_skin(attribute)) {
@@ -251,23 +174,17 @@ impl Observer for WedgeMerger<'_> {
         for attribute in &mut self.mesh.vertex_attributes {
             blend(attribute, [collapse.star.kept, collapse.star.removed], collapse.star.kept, t);
         }
-        if self.mesh.wedge_attributes.is_empty() && self.mesh.morph_targets.is_empty() && self.triangles.is_none() {
+        if self.mesh.wedge_attributes.is_empty() && self.mesh.morph_targets.is_empty() && self.corners.are_plain() {
             return;
         }
-        self.merge_groups(collapse);
+        self.corners.merge(collapse);
         self.blend_loose_wedges(collapse);
-        let plain = [(collapse.star.kept, collapse.star.removed)];
-        let pairs = if self.triangles.is_some() { &self.scratch.pairs } else { &plain[..] };
+        let pairs = self.corners.pairs();
         // one pair of each group gives its values; the others would give the same up to the seam that ends here
         let mut done = 0_u32; // the first pairs, as bits: there are hardly ever more than two
         for (i, &(a, b)) in pairs.iter().enumerate() {
-            let into = if self.triangles.is_some() {
-                self.scratch.representative(a).expect("wedges of pairs have groups")
-            } else {
-                a
-            };
-            let same = |j: usize| self.triangles.is_some() && self.scratch.representative(pairs[j].0) == Some(into);
-            if (0..i.min(32)).any(|j| done >> j & 1 == 1 && same(j)) {
+            let into = self.corners.merged(a).expect("wedges of pairs have groups");
+            if (0..i.min(32)).any(|j| done >> j & 1 == 1 && self.corners.merged(pairs[j].0) == Some(into)) {
                 continue;
             }
             done |= 1_u32.checked_shl(i as u32).unwrap_or(0);
@@ -283,8 +200,7 @@ impl Observer for WedgeMerger<'_> {
             if self.stale_normals.is_empty() {
                 break;
             }
-            let wedges = self.triangles.as_ref().map(|triangles| triangles[face.face as usize]);
-            for w in wedges.unwrap_or([collapse.star.kept, face.x, face.y]) {
+            for w in self.corners.of(face.face as usize, [collapse.star.kept, face.x, face.y]) {
                 self.stale_normals[w as usize] = true;
             }
         }

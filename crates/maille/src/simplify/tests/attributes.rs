@@ -89,9 +89,12 @@ fn the_seam_of_a_cylinder_stays_closed_and_straight() {
         assert!(on_seam.len() >= 2, "{way}");
         for uvs in on_seam {
             let (low, high) = (uvs[0][0].min(uvs[1][0]), uvs[0][0].max(uvs[1][0]));
-            assert!(uvs.len() == 2 && low == 0.0 && high == 1.0 && uvs[0][1] == uvs[1][1], "{way}: {uvs:?}");
+            // where texture coordinates count in the metric, both sides are solved for on their own
+            let same_height = (uvs[0][1] - uvs[1][1]).abs() < 1e-6;
+            assert!(uvs.len() == 2 && low < 1e-6 && high > 1.0 - 1e-6 && same_height, "{way}: {uvs:?}");
         }
-        assert_eq!(sides.values().filter(|uvs| uvs[0][0] % 1.0 == 0.0 && uvs.len() == 1).count(), 0, "{way}");
+        let is_seam = |u: f32| (u - u.round()).abs() < 1e-6;
+        assert_eq!(sides.values().filter(|uvs| is_seam(uvs[0][0]) && uvs.len() == 1).count(), 0, "{way}");
     }
 }
 

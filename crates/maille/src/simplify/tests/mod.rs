@@ -1,5 +1,6 @@
 //! What simplification promises, tested through its doors.
 
+mod appearance;
 mod attributes;
 mod constraints;
 mod laws;

@@ -14,7 +14,7 @@ impl Observer for Recorder {
     }
 }
 
-fn faces_of(mesh: &Mesh) -> CollapseMesh {
+pub(super) fn faces_of(mesh: &Mesh) -> CollapseMesh {
     CollapseMesh::new(&mesh.positions, (0..mesh.triangle_count()).map(|t| mesh.triangle_vertices(t)))
 }
 
@@ -38,13 +38,13 @@ fn by_search<M: Metric>(mesh: &Mesh, mut metric: M, target: usize) -> Recorder {
             let ends = faces.ends(edge);
             let anchor = features.anchor(edge, ends).ok()?;
             let context = EdgeContext { ends, points: ends.map(|v| faces.point(v)), anchor };
-            Some((edge, context, metric.evaluate(&context)?))
+            Some((edge, context, metric.evaluate(&faces, &context)?))
         });
         let cheapest = candidates.min_by(|a, b| (a.2.cost as f32).total_cmp(&(b.2.cost as f32)).then(a.0.cmp(&b.0)));
         let Some((edge, context, candidate)) = cheapest else { break };
         let [kept, removed] = context.ends;
         let rings = [kept, removed].map(|v| faces.faces_around(v).collect::<Vec<_>>());
-        let place = metric.refine(&faces, &context, &candidate, [&rings[0], &rings[1]]);
+        let place = metric.refine(&faces, &context, &candidate, [&rings[0], &rings[1]]).expect("nothing is refused");
         let position = match place {
             p if p == context.points[0] => faces.position(kept),
             p if p == context.points[1] => faces.position(removed),
