@@ -158,7 +158,7 @@ pub(crate) struct SimplifyArgs {
     #[command(flatten)]
     pub(crate) destination: Destination,
 
-    /// Stop at this many triangles, over all distinct meshes.
+    /// Stop at this many triangles; those of a mesh that is drawn several times count as often.
     #[arg(long, value_name = "N", group = "target", conflicts_with = "ratio", value_parser = parse_count,
         allow_hyphen_values = true, help_heading = "Target")]
     pub(crate) triangles: Option<usize>,
@@ -171,6 +171,12 @@ pub(crate) struct SimplifyArgs {
     #[arg(long, value_name = "E", group = "target", value_parser = parse_distance,
         allow_hyphen_values = true, help_heading = "Target")]
     pub(crate) max_error: Option<Distance>,
+
+    /// How the triangles are shared out over the meshes of a file. error: so that the next collapse would cost the same in
+    /// all of them; proportional: to each the same share of its own.
+    #[arg(long, value_name = "WAY", value_parser = ["error", "proportional"], default_value = "error",
+        help_heading = "Target")]
+    pub(crate) budget: String,
 
     /// A bundle of metric and placement; the options below override its parts.
     #[arg(long, value_enum, default_value_t = Preset::Balanced, help_heading = "Method")]

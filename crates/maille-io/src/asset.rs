@@ -74,6 +74,18 @@ impl Asset {
         self.meshes.iter().map(|m| m.mesh.triangle_count()).sum()
     }
 
+    /// How often each distinct mesh counts in what is drawn: once for each instance, and once if it has none.
+    pub fn draws(&self) -> Vec<usize> {
+        let mut draws = vec![0; self.meshes.len()];
+        self.instances.iter().for_each(|instance| draws[instance.mesh] += 1);
+        draws.iter().map(|&draws| draws.max(1)).collect()
+    }
+
+    /// Number of triangles, those of a mesh as often as it is drawn ([`draws`](Self::draws)).
+    pub fn drawn_triangle_count(&self) -> usize {
+        self.meshes.iter().zip(self.draws()).map(|(mesh, draws)| mesh.mesh.triangle_count() * draws).sum()
+    }
+
     /// Everything that is drawn, as one mesh in world space with its attributes, posed at rest (morphs and skins
     /// applied). Free when that is one mesh where it stands.
     pub fn flattened(&self) -> Cow<'_, Mesh> {

@@ -6,7 +6,7 @@ use glam::{DMat3, DMat4};
 use maille::measure::area;
 use maille::refit::{RefitOptions, RefitReport};
 use maille::simplify::{
-    AttributeError, EdgePolicy, Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, simplify,
+    AttributeError, CurvePoint, EdgePolicy, Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, simplify,
 };
 use maille::{Attribute, Control, Mesh, Semantic};
 use rayon::prelude::*;
@@ -17,19 +17,34 @@ use crate::{Asset, Instance};
 const FEWEST: usize = 4;
 /// How often what a mesh could not give is asked of the others.
 const ROUNDS: usize = 4;
+/// How far below its share by size a mesh may go where the share is by error.
+const REACH: usize = 8;
 /// A mesh keeps its first share over this, whatever the others could not give: better too many triangles than a head
 /// ruined because a sword is stubborn.
 const MOST_CUT: usize = 2;
 /// Factor on the cost of collapses where an importance colour is white; where it is black, the factor is 1.
 const WHITE_IMPORTANCE: f32 = 100.0;
 
+/// How a number of triangles is shared out over the meshes of an asset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub enum Budget {
+    /// So that the next collapse costs the same everywhere, in world units: as if all were one mesh. A mesh that turns out
+    /// to need more than its share by size is simplified twice.
+    #[default]
+    Error,
+    /// To each the same share of its own.
+    Proportional,
+}
+
 /// How to simplify an [`Asset`].
 #[derive(Debug, Clone, Default)]
 pub struct AssetOptions {
-    /// How to simplify each mesh. Here the target is one of the whole asset: the number of triangles is that of all
-    /// distinct meshes together, the largest error is a distance in world units. `locked` and `importance` must be
+    /// How to simplify each mesh. Here the target is one of the whole asset: the number of triangles is what is drawn (a
+    /// mesh that is drawn twice counts twice), the largest error is a distance in world units. `locked` and `importance` must be
     /// empty: they are per vertex, name attributes instead.
     pub simplify: SimplifyOptions,
+    /// How a number of triangles is shared out over the meshes.
+    pub budget: Budget,
     /// Factors on what single attributes count in the metric, by the names that the file gives them ([`find_attribute`]).
     pub attribute_weights: Vec<(String, f64)>,
     /// Attribute of importance, by the name the file gives it ([`find_attribute`]): its first component is a factor on
@@ -47,9 +62,9 @@ pub struct AssetOptions {
 pub struct AssetReport {
     /// The report of each distinct mesh, in the order of [`Asset::meshes`]; errors are in units of the mesh.
     pub meshes: Vec<SimplifyReport>,
-    /// Triangles of all distinct meshes before.
+    /// Triangles drawn before.
     pub triangles_in: usize,
-    /// Triangles of all distinct meshes after.
+    /// Triangles drawn after.
     pub triangles_out: usize,
     /// Edge collapses done.
     pub collapses: u64,
@@ -99,9 +114,9 @@ fn quoted(name: &str) -> String {
 
 /// Simplifies every distinct mesh of an asset once, in parallel, to a common target.
 ///
-/// A number of triangles is shared out over the meshes in proportion to theirs; what one cannot give up (its
-/// constraints forbid it) is asked of the others, of each at most half of its share. The result does not depend on the
-/// number of threads.
+/// A number of triangles is shared out over the meshes as the [`Budget`] tells; what one cannot give up (its constraints
+/// forbid it) is asked of the others, of each at most half of its share. The result does not depend on the number of
+/// threads.
 ///
 /// # Errors
 /// [`ProcessError`]; some meshes may be simplified already then, so the asset is not to be used further.
@@ -119,13 +134,18 @@ pub fn simplify_asset(
         require_attribute(asset, name)?;
     }
     let scales = world_scales(asset);
-    let originals: Vec<Mesh> = if options.refit.is_some() {
+    let draws = asset.draws();
+    let total = options.simplify.target.triangles;
+    let has_several = before.iter().filter(|&&triangles| triangles > 0).count() > 1;
+    let by_error = options.budget == Budget::Error && has_several && total.is_some();
+    let originals: Vec<Mesh> = if options.refit.is_some() || by_error {
         asset.meshes.iter().map(|named| named.mesh.clone()).collect()
     } else {
         Vec::new()
     };
-    let total = options.simplify.target.triangles;
-    let targets = total.map_or_else(|| before.clone(), |total| share_out(total, &before));
+    let drawn: Vec<usize> = before.iter().zip(&draws).map(|(triangles, draws)| triangles * draws).collect();
+    let targets = total.map_or_else(|| drawn.clone(), |total| share_out(total, &drawn));
+    let targets = targets.iter().zip(&draws).map(|(target, draws)| target / draws);
     let mut jobs: Vec<Job> = (asset.meshes.iter_mut().zip(targets).zip(&scales).enumerate())
         .filter(|(_, ((named, _), _))| named.mesh.triangle_count() > 0)
         .map(|(index, ((named, target), &scale))| Job {
@@ -135,9 +155,13 @@ pub fn simplify_asset(
             floor: (target / MOST_CUT).max(FEWEST),
             target,
             scale,
+            draws: draws[index],
             report: None,
         })
         .collect();
+    if let Some(total) = total.filter(|_| by_error) {
+        spend_by_error(&mut jobs, &originals, total, options, control)?;
+    }
     run(&mut jobs, options, control)?;
     if let Some(total) = total {
         settle(&mut jobs, total, options, control)?;
@@ -148,7 +172,7 @@ pub fn simplify_asset(
         }
         None => Vec::new(),
     };
-    Ok(AssetReport { refits, ..summary(jobs, &before, total) })
+    Ok(AssetReport { refits, ..summary(jobs, &before, &draws, total) })
 }
 
 /// The float attribute of a mesh that a name means, of wedges or vertices: the name that the mesh itself uses
@@ -259,7 +283,81 @@ struct Job<'a> {
     /// Triangles that are left to it when others could not give theirs.
     floor: usize,
     scale: f64,
+    /// How often the mesh counts in the total.
+    draws: usize,
     report: Option<SimplifyReport>,
+}
+
+/// Simplifies each mesh to its share by size, to see how its costs rise, and sets the targets so that the next collapse
+/// costs the same in all meshes. Those that have lost too much are as they were then.
+fn spend_by_error(
+    jobs: &mut [Job<'_>],
+    originals: &[Mesh],
+    total: usize,
+    options: &AssetOptions,
+    control: Control<'_>,
+) -> Result<(), ProcessError> {
+    run(jobs, options, control)?;
+    let power = options.simplify.metric.cost_power(options.simplify.quadric_weight);
+    let curves: Vec<Curve> = jobs.iter().map(|job| job.curve(&originals[job.index], power)).collect();
+    let left = |level: f64| -> Vec<usize> { curves.iter().map(|curve| curve.left_at(level)).collect() };
+    let drawn = |left: &[usize]| jobs.iter().zip(left).map(|(job, left)| job.draws * left).sum::<usize>();
+    let level = lowest_level(&curves, |level| drawn(&left(level)) <= total);
+    let mut targets = left(level);
+    // what is over by rounding goes to those that the next lower level would give more
+    let mut rest = total.saturating_sub(drawn(&targets));
+    for ((target, job), curve) in targets.iter_mut().zip(jobs.iter()).zip(&curves) {
+        let more = (rest / job.draws).min(curve.most().saturating_sub(*target)).min(*target / 16 + 1);
+        *target += more;
+        rest -= more * job.draws;
+    }
+    for (job, target) in jobs.iter_mut().zip(targets) {
+        if target > job.mesh.triangle_count() {
+            *job.mesh = originals[job.index].clone();
+            job.report = None;
+        }
+        job.target = target.max(FEWEST);
+        job.floor = (target / MOST_CUT).max(FEWEST);
+    }
+    Ok(())
+}
+
+/// How many triangles of a mesh are left while collapses cost at most so much, in world units.
+struct Curve(Vec<CurvePoint>);
+
+impl Curve {
+    fn most(&self) -> usize {
+        self.0[0].triangles
+    }
+
+    /// Triangles left at the logarithm of a cost.
+    fn left_at(&self, level: f64) -> usize {
+        let i = self.0.partition_point(|point| point.cost <= level);
+        match (i.checked_sub(1).map(|i| self.0[i]), self.0.get(i)) {
+            (None, _) => self.most(),
+            // towards few triangles, costs rise with their third power (see the passes of the simplifier)
+            (Some(last), None) => {
+                let fewer = last.triangles as f64 * ((last.cost - level) / 3.0).exp();
+                (fewer as usize).max(last.triangles / REACH).max(FEWEST.min(last.triangles))
+            }
+            (Some(a), Some(b)) => {
+                let t = (level - a.cost) / (b.cost - a.cost);
+                a.triangles - (t.clamp(0.0, 1.0) * (a.triangles - b.triangles) as f64) as usize
+            }
+        }
+    }
+}
+
+/// The lowest level that is enough, by bisection.
+fn lowest_level(curves: &[Curve], is_enough: impl Fn(f64) -> bool) -> f64 {
+    let points = || curves.iter().flat_map(|curve| &curve.0).map(|point| point.cost);
+    let (mut low, mut high) = points().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
+    high += 3.0 * (REACH as f64).ln();
+    for _ in 0..60 {
+        let middle = (low + high) / 2.0;
+        if is_enough(middle) { high = middle } else { low = middle }
+    }
+    high
 }
 
 /// Brings every mesh to its target, in parallel.
@@ -286,16 +384,16 @@ fn settle(
 ) -> Result<(), ProcessError> {
     for _ in 0..ROUNDS {
         let count = |job: &Job<'_>| job.mesh.triangle_count();
-        let excess = jobs.iter().map(count).sum::<usize>().saturating_sub(total);
+        let excess = jobs.iter().map(|job| count(job) * job.draws).sum::<usize>().saturating_sub(total);
         let mut willing: Vec<&mut Job<'_>> = jobs.iter_mut().filter(|job| job.can_give()).collect();
         if excess == 0 || willing.is_empty() {
             break;
         }
-        let sizes: Vec<usize> = willing.iter().map(|job| job.mesh.triangle_count()).collect();
+        let sizes: Vec<usize> = willing.iter().map(|job| count(job) * job.draws).collect();
         let targets = share_out(sizes.iter().sum::<usize>().saturating_sub(excess), &sizes);
         let mut asked: Vec<Job<'_>> = (willing.iter_mut().zip(targets))
             .map(|(job, target)| {
-                let target = target.max(job.floor);
+                let target = (target / job.draws).max(job.floor);
                 Job { target, mesh: &mut *job.mesh, report: job.report.take(), ..**job }
             })
             .collect();
@@ -327,6 +425,27 @@ impl Job<'_> {
             None => report,
         });
         Ok(())
+    }
+
+    /// How the costs have risen, as logarithms in world units, from all triangles on.
+    fn curve(&self, original: &Mesh, power: i32) -> Curve {
+        let scale = self.scale.powi(power);
+        let level = |cost: f64| (cost * scale).max(f64::MIN_POSITIVE).ln();
+        let start = CurvePoint { triangles: original.triangle_count(), cost: f64::MIN_POSITIVE.ln() };
+        let points = self.report.iter().flat_map(|report| &report.curve);
+        let own = points.map(|point| CurvePoint { cost: level(point.cost), ..*point });
+        let end = self.mesh.triangle_count();
+        let mut curve = vec![start];
+        for point in own {
+            let last = curve[curve.len() - 1];
+            if point.triangles < last.triangles {
+                curve.push(CurvePoint { cost: point.cost.max(last.cost), ..point });
+            }
+        }
+        if let Some(last) = curve.last_mut().filter(|last| last.triangles > end) {
+            last.triangles = end;
+        }
+        Curve(curve)
     }
 
     /// The vertices that the attribute of locks names; empty if there is none.
@@ -453,7 +572,7 @@ fn sum(a: Refusals, b: Refusals) -> Refusals {
     }
 }
 
-fn summary(jobs: Vec<Job<'_>>, before: &[usize], total: Option<usize>) -> AssetReport {
+fn summary(jobs: Vec<Job<'_>>, before: &[usize], draws: &[usize], total: Option<usize>) -> AssetReport {
     let mut meshes: Vec<SimplifyReport> = before.iter().map(|_| untouched()).collect();
     let mut error = 0.0_f64;
     let mut attributes: Vec<AttributeError> = Vec::new();
@@ -471,14 +590,15 @@ fn summary(jobs: Vec<Job<'_>>, before: &[usize], total: Option<usize>) -> AssetR
         }
         meshes[job.index] = report;
     }
-    let triangles_out = meshes.iter().map(|report| report.triangles_out).sum();
+    let drawn = |counts: &mut dyn Iterator<Item = usize>| counts.zip(draws).map(|(n, draws)| n * draws).sum();
+    let triangles_out = drawn(&mut meshes.iter().map(|report| report.triangles_out));
     let others = meshes.iter().filter(|report| report.triangles_in > 0 && report.stopped != Stop::Triangles);
     let stopped = match total {
         Some(total) if triangles_out <= total => Stop::Triangles,
         _ => others.max_by_key(|report| report.triangles_out).map_or(Stop::Triangles, |report| report.stopped),
     };
     AssetReport {
-        triangles_in: before.iter().sum(),
+        triangles_in: drawn(&mut before.iter().copied()),
         triangles_out,
         collapses: meshes.iter().map(|report| report.collapses).sum(),
         error,
@@ -497,6 +617,7 @@ fn untouched() -> SimplifyReport {
         triangles_out: 0,
         collapses: 0,
         error: 0.0,
+        curve: Vec::new(),
         attributes: Vec::new(),
         stopped: Stop::Exhausted,
         refused: Refusals::default(),

@@ -9,7 +9,7 @@ use maille::simplify::{
     AttributeWeights, EdgePolicy, MetricKind, Order, PlacementKind, Refusals, SimplifyError, SimplifyOptions, Stop,
     TopologyPolicy,
 };
-use maille_io::{Asset, AssetOptions, AssetReport, ProcessError, WriteOptions, Written, simplify_asset};
+use maille_io::{Asset, AssetOptions, AssetReport, Budget, ProcessError, WriteOptions, Written, simplify_asset};
 use serde_json::{Value, json};
 
 use crate::args::{Preset, SimplifyArgs};
@@ -36,7 +36,7 @@ pub(crate) fn run(args: &SimplifyArgs) -> Result<(), Failure> {
 /// What the options mean for this asset.
 fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
     let mut simplify = preset(args.preset);
-    let by_ratio = |ratio: f64| (ratio * asset.triangle_count() as f64).round().max(1.0) as usize;
+    let by_ratio = |ratio: f64| (ratio * asset.drawn_triangle_count() as f64).round().max(1.0) as usize;
     simplify.target.triangles = args.triangles.or(args.ratio.map(by_ratio));
     simplify.target.max_error = args.max_error.map(|error| error.in_units(diagonal));
     if let Some(metric) = args.metric.as_deref().and_then(|name| by_name(&MetricKind::NAMES, name)) {
@@ -75,7 +75,15 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
     simplify.texture_may_fold = args.texture_may_fold;
     let refit = args.refit.unwrap_or(args.preset == Preset::Best).then(RefitOptions::default);
     let attribute_weights = args.attribute_weight.clone();
-    AssetOptions { simplify, attribute_weights, importance: args.importance.clone(), lock: args.lock.clone(), refit }
+    let budget = if args.budget == "proportional" { Budget::Proportional } else { Budget::Error };
+    AssetOptions {
+        simplify,
+        budget,
+        attribute_weights,
+        importance: args.importance.clone(),
+        lock: args.lock.clone(),
+        refit,
+    }
 }
 
 /// The bundle of options that a preset stands for.

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::features::{Barred, Features};
 use super::legality::{Collapse, Limits, landing};
 use super::metric::{Anchor, Candidate, EdgeContext, Metric, Update};
-use super::options::{Order, Refusals, Stop, TopologyPolicy};
+use super::options::{CurvePoint, Order, Refusals, Stop, TopologyPolicy};
 use super::patience::Patience;
 use super::queue::Queue;
 use crate::Control;
@@ -33,12 +33,14 @@ impl<A: Observer, B: Observer> Observer for (A, B) {
 }
 
 /// What the loop did.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
     /// Collapses made.
     pub collapses: u64,
     /// Largest error of a collapse, in model units.
     pub error: f64,
+    /// How the costs have risen; costs are in the frame of the mesh.
+    pub curve: Vec<CurvePoint>,
     /// Why it stopped.
     pub stopped: Stop,
     /// What the constraints refused.
@@ -78,7 +80,14 @@ pub fn collapse_edges<M: Metric, O: Observer>(
         marks: Marks::new(mesh.vertex_count()),
         importance: request.importance.to_vec(),
         order: request.order,
-        outcome: Outcome { collapses: 0, error: 0.0, stopped: Stop::Exhausted, refused: Refusals::default() },
+        outcome: Outcome {
+            collapses: 0,
+            error: 0.0,
+            curve: Vec::new(),
+            stopped: Stop::Exhausted,
+            refused: Refusals::default(),
+        },
+        highest_cost: 0.0,
         over_error: false,
         patience: Patience::new(mesh),
         mesh,
@@ -147,6 +156,7 @@ struct Loop<'a, M, O> {
     order: Order,
     marks: Marks,
     outcome: Outcome,
+    highest_cost: f64,
     /// Whether some collapse was refused because of its error alone.
     over_error: bool,
     /// Used up, edges at vertices of very many faces are not looked at.
@@ -250,10 +260,20 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
             return queue.remove(edge);
         }
         if self.try_collapse(edge, &candidate) {
+            self.plot(candidate.cost);
             self.update_queue(queue);
             self.drop_leftover(queue);
         } else {
             queue.remove(edge);
+        }
+    }
+
+    /// A collapse of that cost has been made.
+    fn plot(&mut self, cost: f64) {
+        self.highest_cost = self.highest_cost.max(cost);
+        let triangles = self.mesh.live_face_count();
+        if self.outcome.curve.last().is_none_or(|last| triangles <= last.triangles - last.triangles.div_ceil(16)) {
+            self.outcome.curve.push(CurvePoint { triangles, cost: self.highest_cost });
         }
     }
 

@@ -40,8 +40,8 @@ pub use metric::{
     Anchor, Candidate, EdgeContext, Metric, QuadricMemory, QuadricMetric, QuadricOptions, ShortestEdge, Update,
 };
 pub use options::{
-    AttributeError, AttributeWeights, EdgePolicy, MetricKind, NormalPolicy, Order, PlacementKind, QuadricWeight,
-    Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, Target, TopologyPolicy,
+    AttributeError, AttributeWeights, CurvePoint, EdgePolicy, MetricKind, NormalPolicy, Order, PlacementKind,
+    QuadricWeight, Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, Target, TopologyPolicy,
 };
 pub use quadric::Quadric;
 pub use wedges::WedgeMerger;
@@ -141,11 +141,17 @@ pub fn simplify(
         metric.give_values(wedges.mesh_mut());
     }
     *mesh = wedges.finish(faces);
+    let unit = frame.unit().powi(options.metric.cost_power(options.quadric_weight));
+    let mut curve = done.curve;
+    let highest = curve.last().map_or(0.0, |last: &CurvePoint| last.cost);
+    curve.extend(outcome.curve.iter().map(|point| CurvePoint { cost: point.cost.max(highest), ..*point }));
+    curve.iter_mut().for_each(|point| point.cost *= unit);
     Ok(SimplifyReport {
         triangles_in,
         triangles_out: mesh.triangle_count(),
         collapses: done.collapses + outcome.collapses,
         error: done.error.max(outcome.error),
+        curve,
         attributes: appearance.map_or_else(Vec::new, |metric| metric.errors()),
         stopped: match outcome.stopped {
             Stop::Triangles if options.target.triangles.is_none() => Stop::Exhausted,

@@ -48,6 +48,16 @@ impl MetricKind {
     ];
 }
 
+impl MetricKind {
+    /// With which power of the size of a model the costs grow: areas times squared distances, or squared distances alone.
+    pub fn cost_power(self, weight: QuadricWeight) -> i32 {
+        match (self, weight) {
+            (Self::ShortestEdge | Self::NormalizedQuadric, _) | (_, QuadricWeight::Uniform | QuadricWeight::Angle) => 2,
+            _ => 4,
+        }
+    }
+}
+
 /// How much a triangle's plane counts in the quadrics of its vertices.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
 pub enum QuadricWeight {
@@ -196,6 +206,15 @@ pub struct AttributeError {
     pub error: f64,
 }
 
+/// A point on the way of a simplification: how many triangles were left, and how much collapses had cost by then.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CurvePoint {
+    /// Triangles left.
+    pub triangles: usize,
+    /// Highest cost of a collapse so far, in model units to the power of [`MetricKind::cost_power`].
+    pub cost: f64,
+}
+
 /// Everything the simplifier can be asked for. `SimplifyOptions::default()` with a target is what most want.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimplifyOptions {
@@ -317,6 +336,8 @@ pub struct SimplifyReport {
     pub error: f64,
     /// What became of the attributes that counted in the metric.
     pub attributes: Vec<AttributeError>,
+    /// How the costs have risen, about every sixteenth of the triangles: what a budget over several meshes is made with.
+    pub curve: Vec<CurvePoint>,
     /// Why it stopped.
     pub stopped: Stop,
     /// What the constraints refused.

@@ -20,7 +20,7 @@ use super::metric::{
     Anchor, Candidate, EdgeContext, QuadricMemory, QuadricMetric, QuadricOptions, REMEMBERED, drift_after,
     faces_of_star,
 };
-use super::options::SimplifyOptions;
+use super::options::{CurvePoint, SimplifyOptions};
 use super::quadric::Quadric;
 use super::wedges::WedgeMerger;
 use crate::Control;
@@ -67,11 +67,13 @@ pub(super) struct Surface {
 }
 
 /// What passes did.
-#[derive(Debug, Default, Clone, Copy)]
+#[derive(Debug, Default, Clone)]
 pub(super) struct Done {
     pub collapses: u64,
     /// Largest error of a collapse, in model units.
     pub error: f64,
+    /// Costs after each pass, in the frame of the mesh.
+    pub curve: Vec<CurvePoint>,
 }
 
 impl Done {
@@ -134,6 +136,7 @@ pub(super) fn collapse_in_passes<O: Observer>(
         };
         results.iter().for_each(|result| done.add(result));
         surface.fans = surface.fans.merged(&pairing);
+        done.curve.push(CurvePoint { triangles: surface.fans.face_count(), cost: f64::from(most) });
         let share = 1.0 - surface.fans.face_count() as f64 / faces as f64;
         if share < LEAST {
             break; // most of what is cheap is blocked by now: the queue goes around it
