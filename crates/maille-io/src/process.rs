@@ -3,9 +3,10 @@
 use std::sync::Mutex;
 
 use glam::{DMat3, DMat4};
+use maille::cluster::{ClusterMethod, ClusterOptions, cluster};
 use maille::measure::area;
 use maille::refit::{RefitOptions, RefitReport};
-use maille::simplify::{EdgePolicy, Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, simplify};
+use maille::simplify::{EdgePolicy, Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, Target, simplify};
 use maille::{Attribute, Control, Mesh, Semantic};
 use rayon::prelude::*;
 
@@ -28,6 +29,8 @@ pub struct AssetOptions {
     /// distinct meshes together, the largest error is a distance in world units. `locked` and `importance` must be
     /// empty: they are per vertex, name attributes instead.
     pub simplify: SimplifyOptions,
+    /// Cluster vertices this way instead of collapsing edges. Of `simplify`, only the target matters then.
+    pub cluster: Option<ClusterMethod>,
     /// Attribute of importance, by the name the file gives it ([`find_attribute`]): its first component is a factor on
     /// the cost of collapses; of a colour, the brightness from black (1) to white (100).
     pub importance: Option<String>,
@@ -308,7 +311,10 @@ impl Job<'_> {
             own.importance = importance_of(self.mesh, attribute);
         }
         own.locked = self.locked(options);
-        let report = simplify(self.mesh, &own, control)?;
+        let report = match options.cluster {
+            None => simplify(self.mesh, &own, control)?,
+            Some(method) => clustered(self.mesh, method, own, control)?,
+        };
         self.report = Some(match self.report.take() {
             Some(earlier) => joined(&earlier, &report),
             None => report,
@@ -362,6 +368,30 @@ impl Job<'_> {
     fn can_give(&self) -> bool {
         self.mesh.triangle_count() > self.floor && self.report.as_ref().is_some_and(|r| r.stopped == Stop::Triangles)
     }
+}
+
+/// Clusters vertices, and tells it in the words of simplification.
+fn clustered(
+    mesh: &mut Mesh,
+    method: ClusterMethod,
+    options: SimplifyOptions,
+    control: Control<'_>,
+) -> Result<SimplifyReport, SimplifyError> {
+    let SimplifyOptions { target, locked, importance, .. } = options;
+    let own = ClusterOptions { triangles: target.triangles, max_error: target.max_error, method, locked, importance };
+    let report = cluster(mesh, &own, control)?;
+    let stopped = match target {
+        Target { triangles: Some(wanted), .. } if report.triangles_out <= wanted => Stop::Triangles,
+        Target { max_error: Some(_), .. } => Stop::MaxError,
+        _ => Stop::Exhausted,
+    };
+    Ok(SimplifyReport {
+        triangles_in: report.triangles_in,
+        triangles_out: report.triangles_out,
+        error: report.error,
+        stopped,
+        ..untouched()
+    })
 }
 
 fn importance_of(mesh: &Mesh, attribute: &Attribute) -> Vec<f32> {

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use glam::{DMat3, DVec3, Vec3A, Vec4, Vec4Swizzles};
+use glam::{DMat3, DVec3, Vec3, Vec3A, Vec4, Vec4Swizzles};
 use rayon::prelude::*;
 
 use super::Input;
@@ -11,26 +11,12 @@ use super::lattice::{Lattice, distinct};
 /// The cell of a wedge that no triangle names.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// A wedge: its place in units of cells and, as the bits of the last float, its cell. Together, as who wants one wants the
-/// other.
+/// A wedge: its place in units of cells, and its cell. Together, as who wants one wants the other.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Corner(Vec4);
-
-impl Corner {
-    #[inline]
-    fn new(place: Vec3A, cell: u32) -> Self {
-        Self(place.extend(f32::from_bits(cell)))
-    }
-
-    #[inline]
-    pub(super) fn place(&self) -> Vec3A {
-        Vec3A::from_vec4(self.0)
-    }
-
-    #[inline]
-    pub(super) fn cell(&self) -> u32 {
-        self.0.w.to_bits()
-    }
+#[repr(align(16))]
+pub(super) struct Corner {
+    place: Vec3,
+    pub(super) cell: u32,
 }
 
 /// Flag in the name of the cell of a locked vertex, which is its own; the other bits name the vertex.
@@ -49,7 +35,7 @@ pub(super) fn assign(input: &Input<'_>, lattice: Lattice, expected: usize) -> (V
         } else {
             table.number(Lattice::cell(place))
         };
-        corners.push(Corner::new(place, cell));
+        corners.push(Corner { place: place.into(), cell });
     }
     (corners, table.names)
 }
@@ -127,13 +113,14 @@ const LEAST_WEIGHT: f32 = 1e-12;
 const PULL: f64 = 1e-4;
 
 impl Sums {
-    /// Adds the plane through a corner, seen from the centre of its cell. `normal` is as long as the root of the weight.
+    /// Adds the plane through a corner, seen from the centre of its cell. `normal` is as long as the plane weighs, `unit` the
+    /// same direction of length 1.
     #[inline]
-    fn add_plane(&mut self, normal: Vec3A, within: Vec3A, weight: f32) {
+    fn add_plane(&mut self, normal: Vec3A, unit: Vec3A, within: Vec3A, weight: f32) {
         let plane = normal.extend(-normal.dot(within));
-        self.planes[0] += plane * normal.x;
-        self.planes[1] += plane * normal.y;
-        self.planes[2] += plane * normal.z;
+        self.planes[0] += plane * unit.x;
+        self.planes[1] += plane * unit.y;
+        self.planes[2] += plane * unit.z;
         self.corners += within.extend(1.0) * weight;
     }
 
@@ -195,17 +182,17 @@ fn sum_up_range(input: &Input<'_>, corners: &[Corner], cells: usize, range: Rang
     let mut survivors = Vec::new();
     for (wedges, t) in input.mesh.triangles[range.clone()].iter().zip(range.start as u32..) {
         let three = wedges.map(|wedge| corners[wedge as usize]);
-        let [a, b, c] = three.map(|corner| corner.place());
-        let cross = (b - a).cross(c - a);
-        let twice_area = cross.length();
-        let root = if twice_area > 0.0 { twice_area.sqrt().recip() } else { 0.0 };
-        let important = if input.importance.is_empty() { 1.0 } else { importance(input, wedges).sqrt() };
-        let normal = cross * (root * important);
-        let weight = twice_area * important * important + LEAST_WEIGHT;
-        for corner in three {
-            sums[corner.cell() as usize].add_plane(normal, Lattice::within(corner.place()), weight);
+        let [a, b, c] = three.map(|corner| Vec3A::from(corner.place));
+        let mut normal = (b - a).cross(c - a);
+        if !input.importance.is_empty() {
+            normal *= importance(input, wedges);
         }
-        if distinct(three.map(|corner| corner.cell())) {
+        let weight = normal.length() + LEAST_WEIGHT;
+        let unit = normal / weight;
+        for (corner, place) in three.iter().zip([a, b, c]) {
+            sums[corner.cell as usize].add_plane(normal, unit, Lattice::within(place), weight);
+        }
+        if distinct(three.map(|corner| corner.cell)) {
             survivors.push(t);
         }
     }

@@ -57,9 +57,9 @@ impl Lattice {
     #[inline]
     pub(super) fn within(place: Vec3A) -> Vec3A {
         let whole = place - ((place + ROUND) - ROUND);
-        let half = whole - Vec3A::splat(0.5).copysign(whole);
-        // the facets between the two kinds of points
-        if whole.abs().element_sum() <= 0.75 { whole } else { half }
+        // beyond the facets between the two kinds of points; a branch would go wrong every other time
+        let step = if whole.abs().element_sum() > 0.75 { 0.5 } else { 0.0 };
+        whole - Vec3A::splat(step).copysign(whole)
     }
 
     /// How far out in its cell a place is: 0 in the centre, 1 on the surface. A convex function.

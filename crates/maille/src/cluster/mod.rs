@@ -18,6 +18,8 @@ mod floating;
 mod lattice;
 mod rebuild;
 mod search;
+#[cfg(test)]
+mod tests;
 mod weights;
 
 use std::borrow::Cow;
@@ -147,11 +149,7 @@ pub enum ClusterError {
 /// assert!(report.error < 1.2 * report.cell_size);
 /// # Ok::<(), maille::cluster::ClusterError>(())
 /// ```
-pub fn cluster(
-    mesh: &mut Mesh,
-    options: &ClusterOptions,
-    control: Control<'_>,
-) -> Result<ClusterReport, ClusterError> {
+pub fn cluster(mesh: &mut Mesh, options: &ClusterOptions, control: Control<'_>) -> Result<ClusterReport, ClusterError> {
     cluster_mapped(mesh, options, control).map(|(report, _)| report)
 }
 
@@ -276,7 +274,7 @@ impl<'a> Input<'a> {
         let lattice = Lattice::new(self.bounds, found.cells);
         let (corners, names) = cells::assign(self, lattice, found.count / 2);
         let (sums, survivors) = cells::sum_up(self, &corners, names.len());
-        let cells: Vec<u32> = corners.into_iter().map(|corner| corner.cell()).collect();
+        let cells: Vec<u32> = corners.into_iter().map(|corner| corner.cell).collect();
         let positions = if options.method == ClusterMethod::Vertex {
             self.heaviest(&cells, names.len())
         } else {
