@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
+use maille::cluster::ClusterMethod;
 use maille::repair::{self, ParseRepairError, Repair};
 use maille::simplify::{EdgePolicy, MetricKind, NormalPolicy, Order, PlacementKind, QuadricWeight, TopologyPolicy};
 
@@ -142,7 +143,7 @@ impl Distance {
     }
 }
 
-/// Reduces the number of triangles by edge collapse.
+/// Reduces the number of triangles, by edge collapse or by vertex clustering.
 ///
 /// At least one target is needed; of several, the first one reached stops the work. Everything that is not geometry
 /// (materials, textures, skins, animations, extensions) stays as it is, attributes follow the collapses.
@@ -178,9 +179,18 @@ pub(crate) struct SimplifyArgs {
         help_heading = "Target")]
     pub(crate) budget: String,
 
-    /// A bundle of metric and placement; the options below override its parts.
+    /// A bundle of method, metric and placement; the options below override its parts.
     #[arg(long, value_enum, default_value_t = Preset::Balanced, help_heading = "Method")]
     pub(crate) preset: Preset,
+    /// How vertices become fewer. collapse: edges collapse one by one; the others cluster vertices, many times as fast, with
+    /// a larger error and any topology: quadric-clustering (Lindstrom), vertex-clustering (Rossignac and Borrel),
+    /// mean-clustering, floating-cells (Low and Tan). Clustering knows targets, --importance, --lock and --refit, and
+    /// nothing of metrics, placements and constraints. Default: collapse.
+    #[arg(long, value_name = "NAME", value_parser = named(&METHODS), help_heading = "Method")]
+    pub(crate) method: Option<String>,
+    /// Cluster vertices first, to this many times the wanted triangles, and collapse the rest: for very large files.
+    #[arg(long, value_name = "TIMES", value_parser = parse_multiple, help_heading = "Method")]
+    pub(crate) cluster_first: Option<f64>,
     /// What a collapse costs.
     #[arg(long, value_name = "NAME", value_parser = named(&METRICS), help_heading = "Method")]
     pub(crate) metric: Option<String>,
@@ -266,6 +276,8 @@ Examples:
   maille simplify character.glb -o lod1.glb --triangles 5000 --json
   maille simplify terrain.obj -o out.obj --max-error 0.1% --boundary lock
   maille simplify painted.ply -o out.ply --ratio 0.05 --importance COLOR_0
+  maille simplify huge.ply -o preview.ply --triangles 100000 --preset fastest
+  maille simplify huge.ply -o out.ply --triangles 100000 --cluster-first 8
 
 Attributes are named as `maille info` lists them, or as glTF does (COLOR_0, _IMPORTANCE).";
 
@@ -411,6 +423,8 @@ pub(crate) struct ManArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Preset {
+    /// Vertex clustering by quadrics: many times as fast, a larger error, any topology
+    Fastest,
     /// Summed quadrics with constraints, the best place
     Fast,
     /// Hybrid quadrics, the best place that keeps the volume
@@ -500,6 +514,10 @@ impl From<Normals> for NormalPolicy {
 }
 
 const METRICS: [&str; MetricKind::NAMES.len()] = names(MetricKind::NAMES);
+const METHODS: [&str; 1 + ClusterMethod::NAMES.len()] = {
+    let [a, b, c, d] = names(ClusterMethod::NAMES);
+    ["collapse", a, b, c, d]
+};
 const ORDERS: [&str; Order::NAMES.len()] = names(Order::NAMES);
 const TOPOLOGIES: [&str; TopologyPolicy::NAMES.len()] = names(TopologyPolicy::NAMES);
 const PLACEMENTS: [&str; PlacementKind::NAMES.len()] = names(PlacementKind::NAMES);
@@ -529,6 +547,10 @@ fn parse_weight(text: &str) -> Result<(String, f64), String> {
 
 fn parse_non_negative(text: &str) -> Result<f64, String> {
     parse_number(text).and_then(|x| if x >= 0.0 { Ok(x) } else { Err("it must not be negative".into()) })
+}
+
+fn parse_multiple(text: &str) -> Result<f64, String> {
+    parse_number(text).and_then(|x| if x > 1.0 { Ok(x) } else { Err("it must be more than 1".into()) })
 }
 
 fn parse_unit(text: &str) -> Result<f64, String> {

@@ -66,6 +66,33 @@ fn simplify_keeps_the_contract() {
 }
 
 #[test]
+fn clustering_is_a_method_and_the_fastest_preset() {
+    let folder = with_sphere("a.ply");
+    for (name, _) in maille::cluster::ClusterMethod::NAMES {
+        let report = folder.json(&["simplify", "a.ply", "-o", "b.ply", "--ratio", "25%", "--method", name]);
+        let left = report["triangles_out"].as_u64().unwrap_or(u64::MAX);
+        assert!((400..=512).contains(&left), "{name}: {left}");
+        assert_eq!((&report["method"], &report["stopped"]), (&name.into(), &"triangles".into()));
+        assert!(report["metric"].is_null() && report["error"].as_f64().is_some_and(|error| error > 0.0 && error < 0.5));
+        assert_eq!(folder.json(&["info", "b.ply"])["triangles"], left);
+    }
+    let fastest = folder.json(&["simplify", "a.ply", "-o", "b.ply", "--triangles", "500", "--preset", "fastest"]);
+    assert_eq!((&fastest["method"], &fastest["preset"]), (&"quadric-clustering".into(), &"fastest".into()));
+    let text = folder.done(&["simplify", "a.ply", "-o", "b.ply", "--max-error", "10%", "--preset", "fastest"]).stdout;
+    assert!(text.contains("larger cells") && text.contains("as far as a vertex moved"), "{text}");
+    let first = folder.json(&["simplify", "a.ply", "-o", "b.ply", "--triangles", "100", "--cluster-first", "4"]);
+    assert_eq!((&first["triangles_in"], &first["triangles_out"]), (&2048.into(), &100.into()));
+    assert_eq!(first["method"], "collapse");
+    for option in [["--metric", "qem"], ["--boundary", "lock"], ["--cluster-first", "4"], ["--max-normal-turn", "off"]]
+    {
+        let command = [&["simplify", "a.ply", "-o", "c.ply", "--ratio", "0.5", "--preset", "fastest"], &option[..]];
+        let run = folder.run(&command.concat());
+        assert_eq!(run.code, 2);
+        assert!(run.stderr.contains(option[0]) && run.stderr.contains("edge collapse"), "{}", run.stderr);
+    }
+}
+
+#[test]
 fn every_metric_placement_and_preset_is_accepted() {
     let folder = with_sphere("a.ply");
     let presets = ["fast", "balanced", "best", "aggressive"];

@@ -3,10 +3,12 @@
 use std::sync::Mutex;
 
 use glam::{DMat3, DMat4};
+use maille::cluster::{ClusterMethod, ClusterOptions, cluster};
 use maille::measure::area;
 use maille::refit::{RefitOptions, RefitReport};
 use maille::simplify::{
-    AttributeError, CurvePoint, EdgePolicy, Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, simplify,
+    AttributeError, CurvePoint, EdgePolicy, Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, Target,
+    simplify,
 };
 use maille::{Attribute, Control, Mesh, Semantic};
 use rayon::prelude::*;
@@ -47,6 +49,8 @@ pub struct AssetOptions {
     pub budget: Budget,
     /// Factors on what single attributes count in the metric, by the names that the file gives them ([`find_attribute`]).
     pub attribute_weights: Vec<(String, f64)>,
+    /// Cluster vertices this way instead of collapsing edges. Of `simplify`, only the target matters then.
+    pub cluster: Option<ClusterMethod>,
     /// Attribute of importance, by the name the file gives it ([`find_attribute`]): its first component is a factor on
     /// the cost of collapses; of a colour, the brightness from black (1) to white (100).
     pub importance: Option<String>,
@@ -137,7 +141,7 @@ pub fn simplify_asset(
     let draws = asset.draws();
     let total = options.simplify.target.triangles;
     let has_several = before.iter().filter(|&&triangles| triangles > 0).count() > 1;
-    let by_error = options.budget == Budget::Error && has_several && total.is_some();
+    let by_error = options.budget == Budget::Error && options.cluster.is_none() && has_several && total.is_some();
     let originals: Vec<Mesh> = if options.refit.is_some() || by_error {
         asset.meshes.iter().map(|named| named.mesh.clone()).collect()
     } else {
@@ -419,7 +423,10 @@ impl Job<'_> {
             }
         }
         own.locked = self.locked(options);
-        let report = simplify(self.mesh, &own, control)?;
+        let report = match options.cluster {
+            None => simplify(self.mesh, &own, control)?,
+            Some(method) => clustered(self.mesh, method, own, control)?,
+        };
         self.report = Some(match self.report.take() {
             Some(earlier) => joined(&earlier, &report),
             None => report,
@@ -494,6 +501,30 @@ impl Job<'_> {
     fn can_give(&self) -> bool {
         self.mesh.triangle_count() > self.floor && self.report.as_ref().is_some_and(|r| r.stopped == Stop::Triangles)
     }
+}
+
+/// Clusters vertices, and tells it in the words of simplification.
+fn clustered(
+    mesh: &mut Mesh,
+    method: ClusterMethod,
+    options: SimplifyOptions,
+    control: Control<'_>,
+) -> Result<SimplifyReport, SimplifyError> {
+    let SimplifyOptions { target, locked, importance, .. } = options;
+    let own = ClusterOptions { triangles: target.triangles, max_error: target.max_error, method, locked, importance };
+    let report = cluster(mesh, &own, control)?;
+    let stopped = match target {
+        Target { triangles: Some(wanted), .. } if report.triangles_out <= wanted => Stop::Triangles,
+        Target { max_error: Some(_), .. } => Stop::MaxError,
+        _ => Stop::Exhausted,
+    };
+    Ok(SimplifyReport {
+        triangles_in: report.triangles_in,
+        triangles_out: report.triangles_out,
+        error: report.error,
+        stopped,
+        ..untouched()
+    })
 }
 
 fn importance_of(mesh: &Mesh, attribute: &Attribute) -> Vec<f32> {

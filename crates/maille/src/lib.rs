@@ -7,6 +7,7 @@
 //!
 //! Start with [`Mesh`], then [`simplify()`](simplify::simplify) and [`measure::compare`].
 
+pub mod cluster;
 pub mod control;
 pub mod measure;
 pub mod mesh;

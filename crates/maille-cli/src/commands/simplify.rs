@@ -4,6 +4,7 @@ use std::cmp::Reverse;
 use std::path::PathBuf;
 use std::time::Instant;
 
+use maille::cluster::ClusterMethod;
 use maille::refit::RefitOptions;
 use maille::simplify::{
     AttributeWeights, EdgePolicy, MetricKind, Order, PlacementKind, Refusals, SimplifyError, SimplifyOptions, Stop,
@@ -12,7 +13,7 @@ use maille::simplify::{
 use maille_io::{Asset, AssetOptions, AssetReport, Budget, ProcessError, WriteOptions, Written, simplify_asset};
 use serde_json::{Value, json};
 
-use crate::args::{Preset, SimplifyArgs};
+use crate::args::{Normals, Preset, SimplifyArgs, Turn, Weights};
 use crate::failure::Failure;
 use crate::output::{self, Listing};
 use crate::session::Session;
@@ -20,6 +21,7 @@ use crate::system;
 
 pub(crate) fn run(args: &SimplifyArgs) -> Result<(), Failure> {
     let path = super::destination(&args.input, &args.destination)?;
+    check_method(args)?;
     let session = Session::start(&args.common)?;
     let mut asset = session.read(&args.input)?;
     let diagonal = super::diagonal(&asset);
@@ -29,8 +31,46 @@ pub(crate) fn run(args: &SimplifyArgs) -> Result<(), Failure> {
     let seconds = start.elapsed().as_secs_f64();
     session.checkpoint()?;
     let written = session.write(&asset, &path, &WriteOptions::default())?;
-    let done = Done { report, seconds, diagonal, options: options.simplify, path, written };
+    let done = Done { report, seconds, diagonal, cluster: options.cluster, options: options.simplify, path, written };
     session.result(|| done.json(args, &session, &asset), || done.text(args))
+}
+
+/// The way to cluster vertices, `None` to collapse edges.
+fn cluster_method(args: &SimplifyArgs) -> Option<ClusterMethod> {
+    match args.method.as_deref() {
+        Some(name) => by_name(&ClusterMethod::NAMES, name),
+        None => (args.preset == Preset::Fastest).then(ClusterMethod::default),
+    }
+}
+
+/// Refuses options that clustering cannot heed.
+fn check_method(args: &SimplifyArgs) -> Result<(), Failure> {
+    let Some(method) = cluster_method(args) else { return Ok(()) };
+    let of_collapses = [
+        ("--cluster-first", args.cluster_first.is_some()),
+        ("--metric", args.metric.is_some()),
+        ("--placement", args.placement.is_some()),
+        ("--order", args.order.is_some()),
+        ("--weights", args.weights != Weights::Area),
+        ("--boundary", args.boundary.is_some()),
+        ("--seams", args.seams.is_some()),
+        ("--material-borders", args.material_borders.is_some()),
+        ("--constraint-weight", args.constraint_weight != 1.0),
+        ("--topology", args.topology.is_some()),
+        ("--max-normal-turn", args.max_normal_turn != Turn(Some(75.0))),
+        ("--valence", args.valence.is_some()),
+        ("--min-quality", args.min_quality.is_some()),
+        ("--join-distance", args.join_distance.is_some()),
+        ("--normals", args.normals != Normals::Interpolate),
+        ("--max-influences", args.max_influences.is_some()),
+    ];
+    match of_collapses.iter().find(|(_, given)| *given) {
+        None => Ok(()),
+        Some((option, _)) => {
+            let name = name_of(&ClusterMethod::NAMES, &method);
+            Err(Failure::Usage(format!("{option} is for edge collapse; leave it out, or {name} (--method, --preset)")))
+        }
+    }
 }
 
 /// What the options mean for this asset.
@@ -76,8 +116,10 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
     let refit = args.refit.unwrap_or(args.preset == Preset::Best).then(RefitOptions::default);
     let attribute_weights = args.attribute_weight.clone();
     let budget = if args.budget == "proportional" { Budget::Proportional } else { Budget::Error };
+    simplify.cluster_first = args.cluster_first;
     AssetOptions {
         simplify,
+        cluster: cluster_method(args),
         budget,
         attribute_weights,
         importance: args.importance.clone(),
@@ -90,7 +132,8 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
 pub(crate) fn preset(preset: Preset) -> SimplifyOptions {
     let balanced = SimplifyOptions::default();
     match preset {
-        Preset::Balanced => balanced,
+        // clusters, unless --method says otherwise
+        Preset::Fastest | Preset::Balanced => balanced,
         Preset::Fast => SimplifyOptions { metric: MetricKind::ConstrainedQuadric, ..balanced },
         Preset::Best => SimplifyOptions { order: Order::Exact, ..balanced },
         Preset::Aggressive => SimplifyOptions {
@@ -127,6 +170,7 @@ struct Done {
     report: AssetReport,
     seconds: f64,
     diagonal: f64,
+    cluster: Option<ClusterMethod>,
     options: SimplifyOptions,
     path: PathBuf,
     written: Written,
@@ -170,11 +214,17 @@ impl Done {
             "refit": refits,
             "refused": refusals(&report.refused).into_iter().collect::<serde_json::Map<_, _>>(),
             "preset": preset_name(args.preset),
-            "metric": name_of(&MetricKind::NAMES, &self.options.metric),
-            "placement": name_of(&PlacementKind::NAMES, &self.options.placement),
+            "method": self.cluster.map_or("collapse", |method| name_of(&ClusterMethod::NAMES, &method)),
+            "metric": self.of_collapses(name_of(&MetricKind::NAMES, &self.options.metric)),
+            "placement": self.of_collapses(name_of(&PlacementKind::NAMES, &self.options.placement)),
             "meshes": report.meshes.len(),
             "warnings": ([&asset.warnings[..], &self.written.warnings[..]].concat()),
         })
+    }
+
+    /// What only collapses have, null with clustering.
+    fn of_collapses(&self, name: &str) -> Value {
+        if self.cluster.is_none() { name.into() } else { Value::Null }
     }
 
     fn text(&self, args: &SimplifyArgs) -> String {
@@ -183,8 +233,13 @@ impl Done {
         let (before, after) = (output::count(report.triangles_in), output::count(report.triangles_out));
         listing.heading(format!("{}: {before} -> {after} triangles", args.input.display()));
         listing.line("time", output::seconds(self.seconds));
-        listing.line("stopped", explanation(report.stopped));
-        listing.line("error", format!("{}, as the metric estimates", output::distance(report.error, self.diagonal)));
+        listing.line("stopped", self.explanation());
+        let meaning = match (self.cluster, self.options.cluster_first) {
+            (Some(_), _) => "as far as a vertex moved",
+            (None, Some(_)) => "as far as clustering moved a vertex, and as the metric estimates",
+            (None, None) => "as the metric estimates",
+        };
+        listing.line("error", format!("{}, {meaning}", output::distance(report.error, self.diagonal)));
         for attribute in &report.attributes {
             let worth = output::distance(attribute.weight, self.diagonal);
             let told = format!("{:.3} at most, as the metric estimates; 1 counts as {worth}", attribute.error);
@@ -208,6 +263,18 @@ impl Done {
             listing.line("measure", format!("maille compare {} {}", args.input.display(), self.path.display()));
         }
         listing.text()
+    }
+
+    fn explanation(&self) -> &'static str {
+        match (self.report.stopped, self.cluster) {
+            (Stop::Triangles, _) => "the number of triangles is reached",
+            (Stop::MaxError, None) => "the next collapse would exceed the largest error",
+            (Stop::MaxError, Some(_)) => "larger cells would exceed the largest error",
+            (Stop::NoLegalCollapse, _) => "the constraints forbid every collapse that is left",
+            (Stop::Exhausted, None) => "no edge is left",
+            (Stop::Exhausted, Some(_)) => "larger cells leave no triangle",
+            _ => "for another reason",
+        }
     }
 
     /// What refused collapses, the most first, in words, with the option that relaxes it.
@@ -265,16 +332,6 @@ fn stop_name(stop: Stop) -> &'static str {
         Stop::NoLegalCollapse => "no_legal_collapse",
         Stop::Exhausted => "exhausted",
         _ => "other",
-    }
-}
-
-fn explanation(stop: Stop) -> &'static str {
-    match stop {
-        Stop::Triangles => "the number of triangles is reached",
-        Stop::MaxError => "the next collapse would exceed the largest error",
-        Stop::NoLegalCollapse => "the constraints forbid every collapse that is left",
-        Stop::Exhausted => "no edge is left",
-        _ => "for another reason",
     }
 }
 

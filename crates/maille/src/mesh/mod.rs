@@ -11,6 +11,7 @@ pub use attribute::{Attribute, ComponentType, Semantic, Storage, Values};
 pub use normals::{NormalOptions, NormalWeight, WedgesAdded};
 pub use tangents::TangentError;
 pub use weld::{WeldOptions, WeldReport};
+pub(crate) use weld::{first_equals, mix, random_seed};
 
 /// A triangle mesh as files and GPUs want it: flat arrays, no adjacency.
 ///

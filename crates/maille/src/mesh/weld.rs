@@ -206,12 +206,12 @@ fn number_survivors(target: &mut [u32]) -> Vec<u32> {
 
 /// A seed that differs from run to run, so that no file can be made to collide on purpose. No result depends on it:
 /// only which slots are probed does.
-pub(super) fn random_seed() -> u64 {
+pub(crate) fn random_seed() -> u64 {
     std::hash::RandomState::new().hash_one(0)
 }
 
 /// Folds a number into a hash by a 128-bit product (as wyhash does).
-pub(super) fn mix(hash: u64, x: u64) -> u64 {
+pub(crate) fn mix(hash: u64, x: u64) -> u64 {
     let product = u128::from(hash ^ 0xa076_1d64_78bd_642f) * u128::from(x ^ 0xe703_7ed1_a0b4_28db);
     (product >> 64) as u64 ^ product as u64 ^ hash.rotate_left(23)
 }
@@ -219,7 +219,7 @@ pub(super) fn mix(hash: u64, x: u64) -> u64 {
 /// For each of `count` elements the first one equal to it, itself if there is none before.
 ///
 /// Open addressing over `u32` ids: 5.3 to 10.7 bytes per element.
-pub(super) fn first_equals(count: usize, hash: impl Fn(u32) -> u64, equal: impl Fn(u32, u32) -> bool) -> Vec<u32> {
+pub(crate) fn first_equals(count: usize, hash: impl Fn(u32) -> u64, equal: impl Fn(u32, u32) -> bool) -> Vec<u32> {
     let slots = (count + count / 3 + 1).next_power_of_two();
     let mut table = vec![NONE; slots];
     (0..count as u32)

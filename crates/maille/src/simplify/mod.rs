@@ -46,6 +46,7 @@ pub use options::{
 pub use quadric::Quadric;
 pub use wedges::WedgeMerger;
 
+use crate::cluster::{ClusterOptions, ClusterReport, cluster_mapped};
 use crate::topology::CollapseMesh;
 use crate::topology::collapse_mesh::Frame;
 use crate::{Control, Mesh};
@@ -86,6 +87,9 @@ pub fn simplify(
 ) -> Result<SimplifyReport, SimplifyError> {
     mesh.check()?;
     check_options(mesh, options)?;
+    if let Some(clustered) = clustered_first(mesh, options, control)? {
+        return clustered.collapse(mesh, options, control);
+    }
     let triangles_in = mesh.triangle_count();
     let (mut work, options) = sorted(mesh, options);
     let frame = Frame::of(&work.positions);
@@ -161,6 +165,63 @@ pub fn simplify(
     })
 }
 
+/// A mesh whose vertices have been clustered before edges collapse.
+struct Clustered {
+    mesh: Mesh,
+    report: ClusterReport,
+    /// The vertex that each of the original is now part of.
+    map: Vec<u32>,
+}
+
+/// Clusters vertices to a multiple of the target, if that is asked for and the mesh has more.
+fn clustered_first(
+    mesh: &Mesh,
+    options: &SimplifyOptions,
+    control: Control<'_>,
+) -> Result<Option<Clustered>, SimplifyError> {
+    let (Some(multiple), Some(target)) = (options.cluster_first, options.target.triangles) else { return Ok(None) };
+    let triangles = (target as f64 * multiple).ceil() as usize;
+    if triangles >= mesh.triangle_count() {
+        return Ok(None);
+    }
+    let cluster = ClusterOptions {
+        triangles: Some(triangles),
+        max_error: options.target.max_error.map(|error| error / 2.0),
+        locked: options.locked.clone(),
+        importance: options.importance.clone(),
+        ..ClusterOptions::default()
+    };
+    let mut mesh = mesh.clone();
+    let (report, map) = cluster_mapped(&mut mesh, &cluster, control)?;
+    Ok((report.triangles_out < report.triangles_in).then_some(Clustered { mesh, report, map }))
+}
+
+impl Clustered {
+    /// Collapses edges of what is left, and puts the result in the place of `mesh`.
+    fn collapse(
+        mut self,
+        mesh: &mut Mesh,
+        options: &SimplifyOptions,
+        control: Control<'_>,
+    ) -> Result<SimplifyReport, SimplifyError> {
+        let mut rest = SimplifyOptions { cluster_first: None, ..options.clone() };
+        rest.target.max_error = options.target.max_error.map(|error| (error - self.report.error).max(0.0));
+        let vertices = self.mesh.vertex_count();
+        let (mut locked, mut importance) = (vec![false; vertices], vec![0.0_f32; vertices]);
+        for (old, &new) in self.map.iter().enumerate().filter(|&(_, &new)| new != u32::MAX) {
+            let new = new as usize;
+            locked[new] |= options.locked.get(old).copied().unwrap_or(false);
+            importance[new] = importance[new].max(options.importance.get(old).copied().unwrap_or(1.0));
+        }
+        rest.locked = if options.locked.is_empty() { Vec::new() } else { locked };
+        rest.importance = if options.importance.is_empty() { Vec::new() } else { importance };
+        let report = simplify(&mut self.mesh, &rest, control)?;
+        *mesh = self.mesh;
+        let triangles_in = self.report.triangles_in;
+        Ok(SimplifyReport { triangles_in, error: self.report.error + report.error, ..report })
+    }
+}
+
 /// Whether passes come first: they know neither valence nor quality of triangles nor pairs.
 fn wants_passes(options: &SimplifyOptions) -> bool {
     options.order == Order::Passes
@@ -232,6 +293,9 @@ fn check_options(mesh: &Mesh, options: &SimplifyOptions) -> Result<(), SimplifyE
     }
     if !options.min_quality.is_none_or(|q| (0.0..=1.0).contains(&q)) {
         return invalid("min_quality", "must be between 0 and 1");
+    }
+    if !options.cluster_first.is_none_or(|multiple| multiple > 1.0 && multiple.is_finite()) {
+        return invalid("cluster_first", "must be more than 1");
     }
     if options.max_influences == Some(0) {
         return invalid("max_influences", "at least one joint must move a wedge");

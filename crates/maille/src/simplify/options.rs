@@ -1,5 +1,6 @@
 //! What a caller asks of the simplifier, and what it answers.
 
+use crate::cluster::ClusterError;
 use crate::control::Cancelled;
 use crate::mesh::Semantic;
 
@@ -260,6 +261,11 @@ pub struct SimplifyOptions {
     pub normals: NormalPolicy,
     /// Most joints that move one wedge; `None`: as many as the attributes have room for.
     pub max_influences: Option<u32>,
+    /// Cluster the vertices first, by quadrics ([`cluster`](mod@crate::cluster)), to this many times the wanted triangles,
+    /// and collapse what is left (Garland and Shaffer 2002): for meshes so large that collapsing all of them takes too long.
+    /// More than 1. A largest error is shared: clustering moves no vertex by more than half of it. Without a number of
+    /// triangles there is nothing to be clustered to. `None`: collapse all.
+    pub cluster_first: Option<f64>,
 }
 
 impl Default for SimplifyOptions {
@@ -285,6 +291,7 @@ impl Default for SimplifyOptions {
             importance: Vec::new(),
             normals: NormalPolicy::default(),
             max_influences: None,
+            cluster_first: None,
         }
     }
 }
@@ -368,4 +375,15 @@ pub enum SimplifyError {
     /// The caller cancelled.
     #[error(transparent)]
     Cancelled(#[from] Cancelled),
+}
+
+impl From<ClusterError> for SimplifyError {
+    fn from(error: ClusterError) -> Self {
+        match error {
+            ClusterError::InvalidOption { name, reason } => Self::InvalidOption { name, reason },
+            ClusterError::Mesh(error) => Self::Mesh(error),
+            ClusterError::NotFinite { vertex } => Self::NotFinite { vertex },
+            ClusterError::Cancelled(cancelled) => Self::Cancelled(cancelled),
+        }
+    }
 }

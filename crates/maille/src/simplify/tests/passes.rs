@@ -114,3 +114,23 @@ fn cancelling_stops_between_passes() {
     assert!(matches!(simplify(&mut mesh, &in_passes(2_000), control), Err(SimplifyError::Cancelled(_))));
     assert_eq!(mesh, before);
 }
+
+#[test]
+fn clustering_first_reaches_the_target_and_keeps_locks_and_errors() {
+    let mesh = shapes::torus(2.0, 0.5, 200, 100);
+    let options = SimplifyOptions { cluster_first: Some(4.0), ..to(1000) };
+    let (first, report) = reduced(&mesh, &options);
+    assert_eq!((report.triangles_in, report.triangles_out, report.stopped), (40_000, 1000, Stop::Triangles));
+    assert!(report.collapses < 2000 && report.error > 0.0);
+    let locked: Vec<bool> = mesh.positions.iter().map(|p| p[0] > 2.45).collect();
+    let kept = || mesh.positions.iter().zip(&locked).filter(|(_, locked)| **locked).map(|(p, _)| p);
+    let (result, _) = reduced(&mesh, &SimplifyOptions { locked: locked.clone(), ..options.clone() });
+    assert!(kept().count() > 20 && kept().all(|p| result.positions.contains(p)));
+    assert!(!kept().all(|p| first.positions.contains(p)));
+    let target = Target { triangles: Some(100), max_error: Some(0.05) };
+    let (_, report) = reduced(&mesh, &SimplifyOptions { target, ..options.clone() });
+    assert!(report.stopped == Stop::MaxError && report.error <= 0.05, "{report:?}");
+    let nonsense = SimplifyOptions { cluster_first: Some(1.0), ..options };
+    let refused = simplify(&mut mesh.clone(), &nonsense, Control::default());
+    assert!(matches!(refused, Err(SimplifyError::InvalidOption { name: "cluster_first", .. })));
+}
