@@ -275,6 +275,10 @@ pub(crate) struct SimplifyArgs {
     #[arg(long, value_enum, value_name = "AXIS", default_value_t = UpAxis::Y, requires = "report",
         help_heading = "Report")]
     pub(crate) report_up: UpAxis,
+    /// Size of its pictures in pixels.
+    #[arg(long, value_name = "WxH", default_value = "480x480", value_parser = parse_size, requires = "report",
+        help_heading = "Report")]
+    pub(crate) report_size: (u32, u32),
 
     #[command(flatten)]
     pub(crate) common: Common,
@@ -372,6 +376,9 @@ pub(crate) struct MetricsArgs {
     /// Which axis of the file points up in the pictures.
     #[arg(long, value_enum, value_name = "AXIS", default_value_t = UpAxis::Y)]
     pub(crate) up: UpAxis,
+    /// Size of the pictures in pixels.
+    #[arg(long, value_name = "WxH", default_value = "420x420", value_parser = parse_size)]
+    pub(crate) size: (u32, u32),
     #[command(flatten)]
     pub(crate) common: Common,
 }

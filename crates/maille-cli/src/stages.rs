@@ -12,6 +12,8 @@ use crate::system;
 pub(crate) struct Ledger {
     stages: Vec<Stage>,
     apart: bool,
+    /// Memory that was held at the end of the last stage.
+    held: Option<u64>,
 }
 
 /// One stage.
@@ -27,23 +29,29 @@ pub(crate) struct Stage {
 impl Ledger {
     /// Opens the book. `apart`: the memory of each stage is measured on its own, where the system can.
     pub(crate) fn new(apart: bool) -> Self {
-        Self { stages: Vec::new(), apart }
+        Self { stages: Vec::new(), apart, held: None }
     }
 
-    /// Does the work of a stage.
+    /// Does the work of a stage. What is held by then and was not at the end of the stage before belongs to none (a
+    /// report), and is not counted.
     pub(crate) fn stage<T>(
         &mut self,
         name: &'static str,
         work: impl FnOnce(&StageTimes) -> Result<T, Failure>,
     ) -> Result<T, Failure> {
+        let mut foreign = 0;
         if self.apart {
             system::reset_peak();
+            let before = self.held.or_else(system::held_bytes);
+            foreign = system::held_bytes().zip(before).map_or(0, |(now, before)| now.saturating_sub(before));
         }
         let (times, start) = (StageTimes::default(), Instant::now());
         let result = work(&times)?;
         let parts = times.stages().into_iter().map(|(name, time)| (name, time.as_secs_f64())).collect();
         let seconds = start.elapsed().as_secs_f64();
-        self.stages.push(Stage { name, seconds, peak_bytes: system::peak_bytes(), parts });
+        let peak_bytes = system::peak_bytes().map(|peak| peak.saturating_sub(foreign));
+        self.held = system::held_bytes();
+        self.stages.push(Stage { name, seconds, peak_bytes, parts });
         Ok(result)
     }
 

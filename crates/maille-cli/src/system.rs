@@ -2,9 +2,18 @@
 
 /// Most memory this process has held at once, in bytes; `None` where the system does not tell.
 pub(crate) fn peak_bytes() -> Option<u64> {
-    // Linux: "VmHWM:   12345 kB"
+    status("VmHWM:")
+}
+
+/// Memory this process holds now, in bytes; `None` where the system does not tell.
+pub(crate) fn held_bytes() -> Option<u64> {
+    status("VmRSS:")
+}
+
+/// Linux: "VmHWM:   12345 kB"
+fn status(name: &str) -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let line = status.lines().find_map(|line| line.strip_prefix(name))?;
     let kibibytes: u64 = line.split_whitespace().next()?.parse().ok()?;
     Some(kibibytes * 1024)
 }

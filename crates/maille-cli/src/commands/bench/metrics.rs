@@ -17,8 +17,6 @@ use crate::failure::Failure;
 use crate::output;
 use crate::session::Session;
 
-/// Pixels of a picture.
-pub(super) const PICTURE: (u32, u32) = (420, 420);
 const VIEW: (f32, f32) = (30.0, 12.0);
 
 /// A metric and a placement.
@@ -68,8 +66,14 @@ pub(crate) fn run(args: &MetricsArgs) -> Result<(), Failure> {
         Files::Page(place) => {
             let coarsest = levels.iter().min_by_key(|level| level[0].target).expect("there is a level");
             let (cards, scale) = pictures(&trials, args, coarsest)?;
-            let report =
-                Report { levels: &levels, trials: &trials, cards: &cards, scale, pictured: coarsest[0].target };
+            let report = Report {
+                levels: &levels,
+                trials: &trials,
+                cards: &cards,
+                scale,
+                size: args.size,
+                pictured: coarsest[0].target,
+            };
             place.write(&session, &report.html(), &figures())?;
         }
     }
@@ -112,15 +116,15 @@ impl Way {
 
     /// Short: the placement only where it is not the usual one.
     pub(super) fn name(self) -> String {
-        match self.placement == PlacementKind::default() {
+        match self.placement == self.metric.usual_placement() {
             true => self.metric().to_owned(),
             false => format!("{}, {}", self.metric(), self.placement()),
         }
     }
 }
 
-/// What is to be compared: all metrics at the default placement, which is the best one of each, and the default metric at
-/// all placements; or as asked for.
+/// What is to be compared: all metrics at their usual placement, and the default metric at all placements; or as asked
+/// for.
 fn ways(args: &MetricsArgs) -> Vec<Way> {
     let metrics: Vec<MetricKind> = match args.metrics.as_slice() {
         [] => MetricKind::NAMES.into_iter().map(|(_, metric)| metric).collect(),
@@ -132,8 +136,8 @@ fn ways(args: &MetricsArgs) -> Vec<Way> {
     let mut ways: Vec<Way> = Vec::new();
     for metric in metrics {
         let of_this: Vec<PlacementKind> = match placements.is_empty() {
-            true if metric == MetricKind::default() => all.clone().rev().collect(),
-            true => vec![PlacementKind::default()],
+            true if metric == MetricKind::default() => all.clone().collect(),
+            true => vec![metric.usual_placement()],
             false => placements.clone(),
         };
         for placement in of_this {
@@ -327,7 +331,7 @@ pub(super) fn meaning(trials: &Trials<'_>, levels: &[Vec<Outcome>]) -> String {
 fn pictures(trials: &Trials<'_>, args: &MetricsArgs, level: &[Outcome]) -> Result<(Vec<Card>, HeatScale), Failure> {
     let session = trials.session;
     session.progress("drawing", 0.0);
-    let studio = Studio::new(trials.original, args.up == UpAxis::Z, &[VIEW], PICTURE);
+    let studio = Studio::new(trials.original, args.up == UpAxis::Z, &[VIEW], args.size);
     let mut distances = Vec::new();
     for outcome in level {
         let found = distances_at_vertices(trials.surface, &outcome.trial.surface(), session.quiet_control());

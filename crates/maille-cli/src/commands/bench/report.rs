@@ -1,10 +1,10 @@
 //! The report of `maille bench metrics`, as a page and as a table in Markdown.
 
-use super::metrics::{HEAD, Outcome, PICTURE, attribute_cells, attribute_heads, cells, level_name, meaning};
+use super::metrics::{HEAD, Outcome, attribute_cells, attribute_heads, cells, level_name, meaning};
 use crate::commands::report::{
-    Card, Gallery, HeatScale, Page, Series, Trials, bar, command_line, escape, log_log, table,
+    Card, Gallery, HeatScale, Page, Series, Trials, bar, command_line, count, escape, log_log, table,
 };
-use crate::output::{count, number};
+use crate::output::number;
 
 /// What the page tells.
 pub(super) struct Report<'a> {
@@ -12,6 +12,8 @@ pub(super) struct Report<'a> {
     pub(super) trials: &'a Trials<'a>,
     pub(super) cards: &'a [Card],
     pub(super) scale: HeatScale,
+    /// Of a picture, in pixels.
+    pub(super) size: (u32, u32),
     /// Triangles that the pictures show.
     pub(super) pictured: usize,
 }
@@ -24,7 +26,7 @@ impl Report<'_> {
         let cards: Vec<&Card> = self.cards.iter().collect();
         let pictured = format!("Pictures: {} triangles", count(self.pictured));
         page.add(&format!("<h2>{pictured}, the best first</h2>\n"));
-        page.add(&Gallery { cards: &cards, pairs: false, size: PICTURE, scale: self.scale }.html());
+        page.add(&Gallery { cards: &cards, pairs: false, size: self.size, scale: self.scale }.html());
         if self.levels.len() > 1 {
             page.section("Error over triangles", &self.curves());
         }

@@ -12,7 +12,7 @@ use maille::simplify::{SimplifyOptions, Target};
 use maille_io::{Asset, AssetOptions, WriteOptions};
 use serde_json::json;
 
-use super::report::{Card, HeatScale, Look, Model, Shot, Studio, Trials, percent};
+use super::report::{Card, HeatScale, Look, Model, Shot, Studio, Trials, count, percent};
 
 use crate::args::DemoArgs;
 use crate::failure::Failure;
@@ -183,7 +183,7 @@ impl Demo<'_> {
             shot(Look::Wireframe, "Wireframe", self.studio.picture(model, 0, Look::Wireframe)),
         ];
         shots.extend(heat.into_iter().map(|png| shot(Look::Error, "Distance map", png)));
-        Card { shots, caption: format!("<b>{}</b> triangles<br>{caption}", output::count(triangles)) }
+        Card { shots, caption: format!("<b>{}</b> triangles<br>{caption}", count(triangles)) }
     }
 }
 

@@ -4,8 +4,8 @@ use maille::measure::Comparison;
 
 use super::history::{self, History};
 use super::{Level, PICTURE};
-use crate::commands::report::{Gallery, HeatScale, Page, Series, log_log, percent, table};
-use crate::output::{bytes, count, seconds};
+use crate::commands::report::{Gallery, HeatScale, Page, Series, count, log_log, percent, table};
+use crate::output::{bytes, seconds};
 
 /// What the report tells.
 pub(super) struct Report<'a> {

@@ -111,7 +111,7 @@ const BIN_DEG: usize = 5;
 
 /// Shares of the triangles by their smallest angle, in bins of 5 degrees from 0 to 60.
 pub(crate) fn angle_bins(mesh: &Mesh) -> Vec<f64> {
-    let mut bins = vec![0_u64; 60 / BIN_DEG];
+    let mut bins = [0_u64; 60 / BIN_DEG];
     let last = bins.len() - 1;
     for angle in maille::measure::smallest_angles_deg(mesh) {
         bins[(angle as usize / BIN_DEG).min(last)] += 1;

@@ -26,7 +26,7 @@ use crate::session::Session;
 
 pub(crate) use figures::{angle_bins, attributes_json, attributes_rows, comparison_json, curve_json};
 pub(crate) use gallery::{Card, Gallery, Shot};
-pub(crate) use page::{Page, bar, command_line, escape, facts, percent, settings, table};
+pub(crate) use page::{Page, bar, command_line, count, escape, facts, percent, settings, table};
 pub(crate) use plot::{Bars, Series, histogram, log_log};
 pub(crate) use studio::{HeatScale, Look, Model, Studio};
 pub(crate) use trial::{Trial, Trials};

@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use crate::output;
+
 /// A page in the making.
 pub(crate) struct Page {
     html: String,
@@ -42,6 +44,7 @@ impl Page {
 
 /// A table whose first column names the rows. Caption and cells are HTML.
 pub(crate) fn table(caption: &str, head: &[&str], rows: &[Vec<String>]) -> String {
+    let columns = head.len();
     let head: String = head.iter().map(|cell| format!("<th scope=\"col\">{cell}</th>")).collect();
     let row = |cells: &Vec<String>| {
         let cell = |(i, cell): (usize, &String)| match i {
@@ -51,9 +54,10 @@ pub(crate) fn table(caption: &str, head: &[&str], rows: &[Vec<String>]) -> Strin
         format!("<tr>{}</tr>\n", cells.iter().enumerate().map(cell).collect::<String>())
     };
     let rows: String = rows.iter().map(row).collect();
+    let width = if columns > 4 { "wide" } else { "narrow" };
     // a scrolling region has to be reached by the keyboard
     format!(
-        "<div class=\"scroll\" tabindex=\"0\"><table>\n<caption>{caption}</caption>\n<thead><tr>{head}</tr></thead>\n\
+        "<div class=\"scroll\" tabindex=\"0\"><table class=\"{width}\">\n<caption>{caption}</caption>\n<thead><tr>{head}</tr></thead>\n\
          <tbody>\n{rows}</tbody>\n</table></div>\n"
     )
 }
@@ -85,6 +89,11 @@ pub(crate) fn command_line() -> String {
     };
     let words = std::env::args_os().skip(1).map(|word| quoted(word.to_string_lossy().into_owned()));
     std::iter::once("maille".to_owned()).chain(words).collect::<Vec<_>>().join(" ")
+}
+
+/// A whole number in groups of three that no line break parts.
+pub(crate) fn count(n: impl TryInto<u64>) -> String {
+    output::count(n).replace(' ', "\u{202f}")
 }
 
 /// Text as HTML.

@@ -9,7 +9,7 @@ const TOP: f64 = 16.0;
 const BOTTOM: f64 = 52.0;
 /// Least distance of two names, and about how wide a letter of one is.
 const LINE_HEIGHT: f64 = 15.0;
-const LETTER: f64 = 7.4;
+const LETTER: f64 = 8.0;
 /// Colours of the page; a series beyond them gets one of them again, dashed.
 const COLOURS: usize = 8;
 
@@ -243,9 +243,12 @@ fn draw_names(svg: &mut String, series: &[Series], x: &Axis, y: &Axis) {
 
 fn tick_label(value: f64) -> String {
     if value >= 1000.0 {
-        return crate::output::count(value.round() as u64);
+        return super::count(value.round() as u64);
     }
-    crate::output::number(value)
+    match value < 1e-3 {
+        true => format!("{value:.0e}"),
+        false => crate::output::number(value),
+    }
 }
 
 #[cfg(test)]

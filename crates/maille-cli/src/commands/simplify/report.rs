@@ -16,17 +16,15 @@ use super::{Done, by_name, explanation, name_of, preset_name};
 use crate::args::{Level, SimplifyArgs, UpAxis};
 use crate::commands::report::{
     Bars, Card, Gallery, HeatScale, Look, Page, ReportFiles, Series, Shot, Studio, Trials, angle_bins, attributes_json,
-    attributes_rows, bar, command_line, comparison_json, curve_json, escape, facts, histogram, log_log, percent,
+    attributes_rows, bar, command_line, comparison_json, count, curve_json, escape, facts, histogram, log_log, percent,
     settings, table,
 };
 use crate::failure::Failure;
-use crate::output::{bytes, count, distance, number, seconds};
+use crate::output::{bytes, distance, number, seconds};
 use crate::session::Session;
 
 /// From where the pictures are taken: name, degrees around the vertical axis, and above the horizon.
 const VIEWS: [(&str, (f32, f32)); 3] = [("front", (30.0, 12.0)), ("back", (210.0, 12.0)), ("above", (30.0, 55.0))];
-/// Pixels of a picture.
-const PICTURE: (u32, u32) = (560, 560);
 /// Samples behind attributes, all parts together, and each point of a curve.
 const FEWER_SAMPLES: u64 = 200_000;
 /// Fewest samples of a part.
@@ -122,8 +120,8 @@ impl Evidence {
 
         let start = Instant::now();
         session.progress("drawing", 0.0);
-        let studio = Studio::new(&original, args.report_up == UpAxis::Z, &views, PICTURE);
-        let scale = HeatScale::covering(there.iter().chain(&back));
+        let studio = Studio::new(&original, args.report_up == UpAxis::Z, &views, args.report_size);
+        let scale = HeatScale::covering(&there);
         let cards = pair.cards(&studio, &after, [&there, &back], &scale)?;
         session.checkpoint()?;
         cost.drawing = start.elapsed().as_secs_f64();
@@ -338,7 +336,7 @@ impl Teller<'_> {
         page.add(&self.facts());
         let evidence = self.evidence;
         let cards: Vec<&Card> = evidence.cards.iter().collect();
-        page.add(&Gallery { cards: &cards, pairs: true, size: PICTURE, scale: evidence.scale }.html());
+        page.add(&Gallery { cards: &cards, pairs: true, size: self.args.report_size, scale: evidence.scale }.html());
         page.section("How far it is from the original", &self.errors());
         page.section("Error over triangles", &self.curves());
         page.section("Shape of the triangles", &self.shapes());
@@ -468,7 +466,7 @@ impl Teller<'_> {
             let alt = format!("{what} over the number of triangles, logarithmic");
             scrolling(log_log(series, "triangles", &format!("{what}, units of the model"), &alt))
         };
-        let mut html = match curves.as_slice() {
+        let plots = match curves.as_slice() {
             [only] => {
                 let names = [("rms", "RMS"), ("max", "largest")];
                 plot(&names.map(|(key, name)| series(only, key, name.to_owned())), "distance")
@@ -478,7 +476,7 @@ impl Teller<'_> {
                     several.iter().map(|curve| series(curve, key, curve.metric.to_owned())).collect()
                 };
                 let plots = [plot(&of("rms"), "RMS distance"), plot(&of("max"), "largest distance")];
-                format!("<div class=\"columns\">\n{}</div>\n", plots.concat())
+                plots.concat()
             }
         };
         let row = |curve: &Curve, point: &Value| {
@@ -495,8 +493,13 @@ impl Teller<'_> {
             count(FEWER_SAMPLES)
         );
         let head = ["Metric", "Triangles", "Mean", "RMS", "Largest", "Time"];
-        html += &format!("<details><summary>As a table</summary>\n{}</details>\n", table(&caption, &head, &rows));
-        html
+        let figures = table(&caption, &head, &rows);
+        match curves.len() {
+            1 => format!("<div class=\"columns\">\n{plots}{figures}</div>\n"),
+            _ => format!(
+                "<div class=\"columns\">\n{plots}</div>\n<details><summary>As a table</summary>\n{figures}</details>\n"
+            ),
+        }
     }
 
     fn shapes(&self) -> String {
