@@ -33,6 +33,8 @@ const FEWEST_SAMPLES: u64 = 2000;
 const AROUND: [f64; 5] = [8.0, 4.0, 2.0, 0.5, 0.25];
 /// Fewest triangles at which errors are plotted.
 const FEWEST_TRIANGLES: usize = 8;
+/// Seconds below which a part of a stage is not worth a row.
+const SHORTEST: f64 = 5e-5;
 /// Rows beyond which a table is folded.
 const MANY_ROWS: usize = 12;
 
@@ -421,7 +423,7 @@ impl Teller<'_> {
             let caption = "Attributes: difference to the original at corresponding points. Beside seams the nearest point \
                            may lie on their other side, so that the largest one tells little there.";
             let rows = attributes_rows(&self.evidence.attributes);
-            html += &table(caption, &["", "Mean", "Root mean square", "Largest"], &rows);
+            html += &table(caption, &["", "Mean", "RMS", "Largest"], &rows);
         }
         html + &self.parts()
     }
@@ -542,11 +544,8 @@ impl Teller<'_> {
         if barriers.is_empty() {
             return html + "<p>No constraint refused a collapse.</p>\n";
         }
-        let rows: Vec<Vec<String>> = (barriers.iter())
-            .map(|b| {
-                vec![format!("<span class=\"words\">{}</span>", escape(&b.what)), count(b.refused), escape(&b.remedy)]
-            })
-            .collect();
+        let rows: Vec<Vec<String>> =
+            (barriers.iter()).map(|b| vec![words(&b.what), count(b.refused), words(&b.remedy)]).collect();
         let caption = match report.stopped {
             Stop::Triangles => "Collapses that constraints refused on the way; the target was reached all the same.",
             _ => "Collapses that constraints refused, and the options that relax them.",
@@ -565,7 +564,7 @@ impl Teller<'_> {
             let part = |&(name, s): &(&str, f64)| {
                 vec![format!("<span class=\"part\">{}</span>", stage_name(name)), time(s), String::new()]
             };
-            rows.extend(stage.parts.iter().map(part));
+            rows.extend(stage.parts.iter().filter(|part| part.1 >= SHORTEST).map(part));
         }
         let caption = "Time by the clock, and most memory of the process meanwhile. What is indented is part of what is above \
                        it, added up over meshes, several of which are worked on at the same time.";
@@ -606,6 +605,11 @@ impl Teller<'_> {
         let folded = settings("All settings", &all);
         format!("<pre><code>{}</code></pre>\n{folded}", escape(&command_line()))
     }
+}
+
+/// A cell whose text may wrap.
+fn words(text: &str) -> String {
+    format!("<span class=\"words\">{}</span>", escape(text))
 }
 
 /// What a stage of the simplification does.
