@@ -288,7 +288,7 @@ pub(super) fn level_name(level: &[Outcome], trials: &Trials<'_>) -> String {
 /// Which attributes differ, and the means of their differences, in the order of the head.
 pub(super) fn attribute_heads(levels: &[Vec<Outcome>]) -> Vec<String> {
     let first = levels.first().and_then(|level| level.first());
-    first.map_or(Vec::new(), |outcome| outcome.attributes.iter().map(|a| a.semantic.to_string()).collect())
+    first.map_or(Vec::new(), |outcome| outcome.attributes.iter().map(|a| format!("Δ {}", a.semantic)).collect())
 }
 
 pub(super) fn attribute_cells(outcome: &Outcome) -> Vec<String> {
@@ -312,14 +312,13 @@ fn text(args: &MetricsArgs, trials: &Trials<'_>, levels: &[Vec<Outcome>], files:
 
 /// What the figures of the tables are.
 pub(super) fn meaning(trials: &Trials<'_>, levels: &[Vec<Outcome>]) -> String {
-    let attributes = attribute_heads(levels);
-    let attributes = match attributes.is_empty() {
-        true => String::new(),
-        false => format!("; {}: root mean square difference", attributes.join(", ")),
+    let attributes = match attribute_heads(levels).is_empty() {
+        true => "",
+        false => " Δ: root mean square difference of an attribute.",
     };
     format!(
         "Distances: millionths of the diagonal, {} points on each surface. Time: the fastest of {} on {} thread{}. Normals: \
-         mean angle. Below 10°: triangles with so small an angle. Flipped: surface that faces the other way{attributes}.",
+         mean angle. Below 10°: triangles with so small an angle. Flipped: surface that faces the other way.{attributes}",
         output::count(trials.samples),
         trials.repeat,
         trials.session.threads(),
