@@ -39,6 +39,7 @@ pub(crate) enum Command {
     Sample(SampleArgs),
     Simplify(Box<SimplifyArgs>),
     Compare(CompareArgs),
+    Bench(BenchArgs),
     Repair(RepairArgs),
     Render(RenderArgs),
     Demo(DemoArgs),
@@ -125,6 +126,23 @@ pub(crate) struct SampleArgs {
     pub(crate) list: bool,
     #[command(flatten)]
     pub(crate) common: Common,
+}
+
+/// How many triangles are to be left.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum Level {
+    Triangles(usize),
+    Share(f64),
+}
+
+impl Level {
+    /// The number for a model of `total` triangles.
+    pub(crate) fn of(self, total: usize) -> usize {
+        match self {
+            Self::Triangles(count) => count,
+            Self::Share(share) => (share * total as f64).round().max(1.0) as usize,
+        }
+    }
 }
 
 /// A distance, in units of the model or as a share of the diagonal of its bounding box.
@@ -266,6 +284,30 @@ pub(crate) struct SimplifyArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Attributes")]
     pub(crate) max_influences: Option<u32>,
 
+    /// Writes a report, too: one HTML file with pictures before and after, distances as colours, measured errors, shape of
+    /// the triangles, time and memory; and the same figures as JSON beside it (FILE with .json). That costs about six more
+    /// simplifications, and some seconds to measure and to draw.
+    #[arg(long, value_name = "FILE", help_heading = "Report")]
+    pub(crate) report: Option<PathBuf>,
+    /// Metrics whose errors over the number of triangles the report plots beside those of the chosen one; each costs as
+    /// many simplifications again.
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = named(&METRICS), requires = "report",
+        help_heading = "Report")]
+    pub(crate) report_metrics: Vec<String>,
+    /// Where errors are plotted: numbers of triangles, or shares such as 10%; each costs a simplification. Default: 8, 4
+    /// and 2 times what is left, a half and a quarter of it.
+    #[arg(long, value_name = "LEVEL,...", value_delimiter = ',', value_parser = parse_level, requires = "report",
+        help_heading = "Report")]
+    pub(crate) report_levels: Option<Vec<Level>>,
+    /// Which axis of the file points up in the pictures.
+    #[arg(long, value_enum, value_name = "AXIS", default_value_t = UpAxis::Y, requires = "report",
+        help_heading = "Report")]
+    pub(crate) report_up: UpAxis,
+    /// Size of its pictures in pixels.
+    #[arg(long, value_name = "WxH", default_value = "480x480", value_parser = parse_size, requires = "report",
+        help_heading = "Report")]
+    pub(crate) report_size: (u32, u32),
+
     #[command(flatten)]
     pub(crate) common: Common,
 }
@@ -278,6 +320,7 @@ Examples:
   maille simplify painted.ply -o out.ply --ratio 0.05 --importance COLOR_0
   maille simplify huge.ply -o preview.ply --triangles 100000 --preset fastest
   maille simplify huge.ply -o out.ply --triangles 100000 --cluster-first 8
+  maille simplify scan.ply -o small.ply --ratio 5% --report report.html --report-metrics qem,sem
 
 Attributes are named as `maille info` lists them, or as glTF does (COLOR_0, _IMPORTANCE).";
 
@@ -310,6 +353,62 @@ pub(crate) struct CompareArgs {
     /// The distance that is yellow, in units or as a share of the diagonal; default: the largest.
     #[arg(long, value_name = "D", value_parser = parse_distance, requires = "heatmap")]
     pub(crate) heatmap_max: Option<Distance>,
+    #[command(flatten)]
+    pub(crate) common: Common,
+}
+
+/// Compares ways of working on a model of yours.
+#[derive(Debug, Args)]
+#[command(
+    arg_required_else_help = true,
+    after_long_help = "Examples:\n  maille bench metrics model.glb -o metrics.html"
+)]
+pub(crate) struct BenchArgs {
+    #[command(subcommand)]
+    pub(crate) what: Bench,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Bench {
+    Metrics(MetricsArgs),
+}
+
+/// Compares metrics and placements on a model: time, measured errors, shape of the triangles, pictures.
+///
+/// Without --metrics and --placements: all metrics where they place best, and the default metric with all placements. The
+/// other options of `simplify` are at their defaults. Each way simplifies the model to each level, from the original, and
+/// is measured against it; the table is sorted by the root mean square distance.
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  maille bench metrics model.glb\n  \
+    maille bench metrics scan.ply --levels 10%,1000 --metrics qem,qem-hybrid -o metrics.html\n  \
+    maille bench metrics scan.ply --threads 1 --repeat 5 -o metrics.md")]
+pub(crate) struct MetricsArgs {
+    /// The file to read.
+    pub(crate) input: PathBuf,
+    /// What to simplify to: shares such as 10%, or numbers of triangles.
+    #[arg(long, value_name = "LEVEL,...", value_delimiter = ',', value_parser = parse_level, default_value = "50%,10%,1%")]
+    pub(crate) levels: Vec<Level>,
+    /// Only these metrics.
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = named(&METRICS))]
+    pub(crate) metrics: Vec<String>,
+    /// These placements with every metric.
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',', value_parser = named(&PLACEMENTS))]
+    pub(crate) placements: Vec<String>,
+    /// How often each is timed; the fastest turn counts.
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub(crate) repeat: u32,
+    /// Points sampled on each surface.
+    #[arg(long, value_name = "N", default_value_t = 200_000, value_parser = parse_samples)]
+    pub(crate) samples: u64,
+    /// Also writes a report: .html with plots and pictures, and the figures as .json beside it; or .md, the table alone.
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: Option<PathBuf>,
+    /// Which axis of the file points up in the pictures.
+    #[arg(long, value_enum, value_name = "AXIS", default_value_t = UpAxis::Y)]
+    pub(crate) up: UpAxis,
+    /// Size of the pictures in pixels.
+    #[arg(long, value_name = "WxH", default_value = "420x420", value_parser = parse_size)]
+    pub(crate) size: (u32, u32),
     #[command(flatten)]
     pub(crate) common: Common,
 }
@@ -573,6 +672,11 @@ fn parse_ratio(text: &str) -> Result<f64, String> {
     if is_share { Ok(ratio) } else { Err("it must be above 0 and at most 1, or above 0% and at most 100%".into()) }
 }
 
+fn parse_level(text: &str) -> Result<Level, String> {
+    let is_share = text.contains(['%', '.']);
+    if is_share { parse_ratio(text).map(Level::Share) } else { parse_count(text).map(Level::Triangles) }
+}
+
 fn parse_distance(text: &str) -> Result<Distance, String> {
     match text.strip_suffix('%') {
         Some(percent) => Ok(Distance::OfDiagonal(parse_non_negative(percent)? / 100.0)),
@@ -650,6 +754,14 @@ mod tests {
         assert_eq!(parse_ratio("0.1"), Ok(0.1));
         assert_eq!(parse_ratio("10%"), Ok(0.1));
         assert!(parse_ratio("1.5").is_err() && parse_ratio("0").is_err() && parse_ratio("x").is_err());
+    }
+
+    #[test]
+    fn levels_are_shares_or_counts() {
+        assert_eq!(parse_level("10%"), Ok(Level::Share(0.1)));
+        assert_eq!(parse_level("0.25").map(|level| level.of(1000)), Ok(250));
+        assert_eq!(parse_level("500").map(|level| level.of(1000)), Ok(500));
+        assert!(parse_level("0").is_err() && parse_level("200%").is_err() && parse_level("few").is_err());
     }
 
     #[test]

@@ -10,6 +10,7 @@ mod output;
 mod progress;
 mod render;
 mod session;
+mod stages;
 mod system;
 
 use std::process::ExitCode;

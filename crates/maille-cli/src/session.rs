@@ -116,15 +116,32 @@ impl Session {
 
     /// Writes bytes that are no mesh (a picture, a page) whole or not at all.
     pub(crate) fn write_bytes(&self, bytes: &[u8], path: &Path) -> Result<(), Failure> {
+        self.write_together(&[(bytes, path)])
+    }
+
+    /// Writes several such files: all of them appear, or none.
+    pub(crate) fn write_together(&self, files: &[(&[u8], &Path)]) -> Result<(), Failure> {
         self.checkpoint()?;
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let write = || {
-            let mut file = tempfile::NamedTempFile::new_in(folder)?;
+        let prepare = |bytes: &[u8], path: &Path| {
+            let mut file = tempfile::NamedTempFile::new_in(folder_of(path))?;
             std::io::Write::write_all(&mut file, bytes)?;
             share_with_all(file.as_file())?;
-            file.persist(path).map_err(|error| error.error)
+            Ok(file)
         };
-        write().map(drop).map_err(|error| Failure::writing(path, error))
+        let mut ready = Vec::new();
+        for &(bytes, path) in files {
+            ready.push((prepare(bytes, path).map_err(|error| Failure::writing(path, error))?, path));
+        }
+        for (file, path) in ready {
+            file.persist(path).map_err(|error| Failure::writing(path, error.error))?;
+        }
+        Ok(())
+    }
+
+    /// Refuses a place where no file can be written, before any work is done for it.
+    pub(crate) fn check_place(path: &Path) -> Result<(), Failure> {
+        let trial = tempfile::NamedTempFile::new_in(folder_of(path));
+        trial.map(drop).map_err(|error| Failure::writing(path, error))
     }
 
     /// Prints the result of the command: as JSON where that is asked for, else as text, where the user did not ask for
@@ -153,6 +170,10 @@ impl Session {
             say(message);
         }
     }
+}
+
+fn folder_of(path: &Path) -> &Path {
+    path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// Temporary files are readable by their owner only; results are like any other file.

@@ -6,8 +6,8 @@ use maille::mesh::shapes;
 use maille_io::{Asset, WriteOptions};
 use support::Folder;
 
-const COMMANDS: [&str; 10] =
-    ["info", "convert", "sample", "simplify", "compare", "repair", "render", "demo", "completions", "man"];
+const COMMANDS: [&str; 11] =
+    ["info", "convert", "sample", "simplify", "compare", "bench", "repair", "render", "demo", "completions", "man"];
 
 /// A folder with a sphere of 2 048 triangles in it.
 fn with_sphere(name: &str) -> Folder {
@@ -41,6 +41,12 @@ fn wrong_usage_ends_with_2() {
         &["repair", "a.ply", "-o", "b.ply", "--only", "polish"],
         &["repair", "a.ply", "-o", "b.ply", "--only", "drop-degenerate", "--weld-tolerance", "1%"],
         &["render", "a.ply", "-o", "b.jpg"],
+        &["bench"],
+        &["bench", "metrics", "a.ply", "--metrics", "none"],
+        &["bench", "metrics", "a.ply", "--levels", "200%"],
+        &["bench", "metrics", "a.ply", "-o", "b.pdf"],
+        &["simplify", "a.ply", "-o", "b.ply", "--ratio", "0.5", "--report", "b.pdf"],
+        &["simplify", "a.ply", "-o", "b.ply", "--ratio", "0.5", "--report-metrics", "qem"],
         &["info", "a.ply", "--threads", "0"],
     ] {
         let run = folder.run(arguments);

@@ -30,7 +30,7 @@ pub use error::{Place, ReadError, WriteError};
 pub use format::Format;
 pub use look::{Look, Texture};
 pub use output::Written;
-pub use process::{AssetOptions, AssetReport, Budget, ProcessError, find_attribute, simplify_asset};
+pub use process::{AssetOptions, AssetReport, Budget, ProcessError, find_attribute, simplify_asset, world_scales};
 pub use sample::sample;
 
 use std::path::Path;

@@ -213,7 +213,8 @@ fn require_attribute(asset: &Asset, name: &str) -> Result<(), ProcessError> {
 }
 
 /// How much each mesh is enlarged at most where it is drawn, posed at rest; 1 for a mesh that is not drawn or has no area.
-fn world_scales(asset: &Asset) -> Vec<f64> {
+/// Times this, distances in units of a mesh are distances in world units.
+pub fn world_scales(asset: &Asset) -> Vec<f64> {
     let mut scales = vec![0.0_f64; asset.meshes.len()];
     for instance in &asset.instances {
         let mesh = &asset.meshes[instance.mesh].mesh;
@@ -484,7 +485,7 @@ impl Job<'_> {
             }
         }
         let own = RefitOptions { fixed, ..refit.clone() };
-        let done = maille::refit::refit(self.mesh, &originals[self.index], &own, control);
+        let done = control.time("fitting", || maille::refit::refit(self.mesh, &originals[self.index], &own, control));
         let done = done.map_err(|cancelled| ProcessError::Mesh {
             index: self.index,
             name: self.name.to_owned(),

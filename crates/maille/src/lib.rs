@@ -22,5 +22,5 @@ pub mod topology;
 #[cfg(test)]
 mod zoo;
 
-pub use control::Control;
+pub use control::{Control, StageTimes};
 pub use mesh::{Attribute, Mesh, Semantic};

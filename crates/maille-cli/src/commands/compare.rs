@@ -7,8 +7,9 @@ use maille::measure::{
     CompareError, CompareOptions, Comparison, Deviation, Figures, Side, compare, distances_at_vertices, heatmap,
 };
 use maille_io::{Asset, Format, WriteOptions, Written};
-use serde_json::{Value, json};
+use serde_json::{Map, Value};
 
+use super::report::comparison_json;
 use crate::args::CompareArgs;
 use crate::failure::Failure;
 use crate::output::{self, Listing};
@@ -82,61 +83,17 @@ fn refusal(args: &CompareArgs, error: &CompareError) -> Failure {
 }
 
 fn json(args: &CompareArgs, session: &Session, c: &Comparison, drawn: Option<&Drawn>) -> Value {
-    json!({
-        "a": args.a.display().to_string(),
-        "b": args.b.display().to_string(),
-        "mean": c.mean(),
-        "rms": c.rms(),
-        "max": c.max(),
-        "diagonal": c.diagonal,
-        "normal_deg": c.normal_deg(),
-        "forward": deviation_json(&c.forward),
-        "backward": deviation_json(&c.backward),
-        "figures_a": figures_json(&c.a),
-        "figures_b": figures_json(&c.b),
-        "samples": args.samples,
-        "seed": args.seed,
-        "threads": session.threads(),
-        "heatmap": args.heatmap.as_ref().map(|path| path.display().to_string()),
-        "heatmap_max": drawn.map(|drawn| drawn.most),
-        "files": drawn.map_or(Vec::new(), |drawn| output::paths(&drawn.written.files)),
-    })
-}
-
-fn deviation_json(d: &Deviation) -> Value {
-    json!({
-        "mean": d.mean,
-        "rms": d.rms,
-        "max": d.max,
-        "max_from": d.max_from,
-        "max_to": d.max_to,
-        "normal_deg": d.normal.mean_deg,
-        "normal_rms_deg": d.normal.rms_deg,
-        "normal_max_deg": d.normal.max_deg,
-        "flipped_share": d.normal.flipped_share,
-        "samples": d.samples,
-        "extra_points": d.extra_points,
-    })
-}
-
-fn figures_json(f: &Figures) -> Value {
-    json!({
-        "vertices": f.vertices,
-        "triangles": f.triangles,
-        "area": f.area,
-        "volume": f.volume,
-        "components": f.components,
-        "euler_characteristic": f.euler_characteristic,
-        "boundary_edges": f.boundary_edges,
-        "boundary_length": f.boundary_length,
-        "non_manifold_edges": f.non_manifold_edges,
-        "min_angle_deg": f.quality.min_angle_deg,
-        "mean_angle_deg": f.quality.mean_angle_deg,
-        "mean_shape": f.quality.mean_shape,
-        "mean_aspect": f.quality.mean_aspect,
-        "bad_share": f.quality.bad_share,
-        "degenerate": f.quality.degenerate,
-    })
+    let mut object = Map::new();
+    object.insert("a".to_owned(), args.a.display().to_string().into());
+    object.insert("b".to_owned(), args.b.display().to_string().into());
+    object.extend(comparison_json(c));
+    object.insert("samples".to_owned(), args.samples.into());
+    object.insert("seed".to_owned(), args.seed.into());
+    object.insert("threads".to_owned(), session.threads().into());
+    object.insert("heatmap".to_owned(), args.heatmap.as_ref().map(|path| path.display().to_string()).into());
+    object.insert("heatmap_max".to_owned(), drawn.map(|drawn| drawn.most).into());
+    object.insert("files".to_owned(), drawn.map_or(Vec::new(), |drawn| output::paths(&drawn.written.files)).into());
+    Value::Object(object)
 }
 
 fn text(args: &CompareArgs, c: &Comparison, drawn: Option<&Drawn>) -> String {

@@ -1,5 +1,6 @@
 //! One module to each command: meaning of the options, calls into the libraries, results.
 
+mod bench;
 mod compare;
 mod completions;
 mod convert;
@@ -8,6 +9,7 @@ mod info;
 mod man;
 mod render;
 mod repair;
+mod report;
 mod sample;
 mod simplify;
 
@@ -25,6 +27,7 @@ pub(crate) fn run(cli: Cli) -> Result<(), Failure> {
         Command::Convert(args) => convert::run(&args),
         Command::Sample(args) => sample::run(&args),
         Command::Simplify(args) => simplify::run(&args),
+        Command::Bench(args) => bench::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Repair(args) => repair::run(&args),
         Command::Render(args) => render::run(&args),
@@ -66,10 +69,7 @@ fn make_folder(path: &Path) -> Result<(), Failure> {
 
 /// Refuses an output that no writer takes, before any work is done.
 fn check_output(path: &Path) -> Result<(), Failure> {
-    if path.is_dir() {
-        let remedy = format!("name a file in it, such as {}", path.join("model.glb").display());
-        return Err(WriteError::new("this is a folder").with_remedy(remedy).at_path(path).into());
-    }
+    refuse_folder(path, "model.glb")?;
     match Format::from_path(path) {
         Some(_) => Ok(()),
         None => {
@@ -78,6 +78,15 @@ fn check_output(path: &Path) -> Result<(), Failure> {
             Err(Failure::Usage(format!("{}: the extension names no format; use one of {known}", path.display())))
         }
     }
+}
+
+/// Refuses a folder where a file is to be written.
+fn refuse_folder(path: &Path, example: &str) -> Result<(), Failure> {
+    if path.is_dir() {
+        let remedy = format!("name a file in it, such as {}", path.join(example).display());
+        return Err(WriteError::new("this is a folder").with_remedy(remedy).at_path(path).into());
+    }
+    Ok(())
 }
 
 /// Length of the diagonal of the box around everything an asset draws, posed at rest.

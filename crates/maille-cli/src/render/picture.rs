@@ -2,7 +2,8 @@
 
 use std::io::Cursor;
 
-use image::{ImageFormat, RgbaImage};
+use image::RgbaImage;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 
 /// An image of 8-bit sRGB with straight alpha.
 pub(crate) struct Picture {
@@ -19,9 +20,10 @@ impl Picture {
         let image = RgbaImage::from_raw(self.width, self.height, bytes).expect("there is a pixel for each place");
         let mut png = Cursor::new(Vec::new());
         let opaque = self.pixels.iter().all(|pixel| pixel[3] == 255);
+        let encoder = PngEncoder::new_with_quality(&mut png, CompressionType::Default, FilterType::Adaptive);
         let written = match opaque {
-            true => image::DynamicImage::from(image).to_rgb8().write_to(&mut png, ImageFormat::Png),
-            false => image.write_to(&mut png, ImageFormat::Png),
+            true => image::DynamicImage::from(image).to_rgb8().write_with_encoder(encoder),
+            false => image.write_with_encoder(encoder),
         };
         written.expect("memory takes all bytes");
         png.into_inner()

@@ -124,6 +124,15 @@ impl Scene {
         self.surfaces.extend((0..mesh.triangle_count()).map(surface));
     }
 
+    /// Whether colours or textures tell parts of it from others.
+    pub(crate) fn has_colours(&self) -> bool {
+        let mut looks = self.palette.iter().map(|surface| surface.colour);
+        let first = looks.next();
+        !self.colours.is_empty()
+            || self.palette.iter().any(|surface| surface.image.is_some())
+            || looks.any(|colour| Some(colour) != first)
+    }
+
     /// Colour of a triangle at a point given by barycentric weights, linear.
     pub(crate) fn albedo(&self, triangle: usize, weights: Vec3) -> Vec3 {
         let ids = self.triangles[triangle];

@@ -135,6 +135,12 @@ impl Quality {
     }
 }
 
+/// The smallest angle of each triangle, in degrees: 60 for equilateral ones, 0 for those without area.
+pub fn smallest_angles_deg(mesh: &Mesh) -> Vec<f32> {
+    let angle = |t: usize| Shape::of(mesh.triangle_points(t)).min_angle.to_degrees() as f32;
+    map_chunks(mesh.triangle_count(), |range| range.map(angle).collect::<Vec<f32>>()).concat()
+}
+
 /// How well shaped one triangle is.
 #[derive(Clone, Copy)]
 struct Shape {
@@ -272,6 +278,15 @@ mod tests {
         assert!((quality.mean_shape - 0.75f64.sqrt()).abs() < 1e-12);
         assert!((quality.mean_aspect - 3f64.sqrt()).abs() < 1e-12);
         assert_eq!((quality.bad_share, quality.degenerate), (0.0, 0));
+    }
+
+    #[test]
+    fn quality_summarises_the_smallest_angles() {
+        let mesh = shapes::torus(3.0, 1.0, 40, 7);
+        let (angles, quality) = (smallest_angles_deg(&mesh), Quality::of(&mesh));
+        let mean = angles.iter().map(|&angle| f64::from(angle)).sum::<f64>() / angles.len() as f64;
+        assert!((mean - quality.mean_angle_deg).abs() < 1e-4);
+        assert!((f64::from(angles.iter().copied().fold(60.0, f32::min)) - quality.min_angle_deg).abs() < 1e-4);
     }
 
     #[test]

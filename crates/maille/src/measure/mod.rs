@@ -2,6 +2,7 @@
 //!
 //! [`compare`] answers the first, [`Figures`] the second; [`Bvh`] and [`SurfaceSampler`] are what they are made of.
 
+mod attributes;
 mod bvh;
 mod chunks;
 mod compare;
@@ -10,10 +11,13 @@ mod heatmap;
 mod sample;
 mod triangle;
 
+pub use attributes::{AttributeDeviation, compare_attributes};
 pub use bvh::{Bvh, ClosestPoint, Searcher};
 pub use compare::{
     CompareError, CompareOptions, Comparison, Deviation, NormalDeviation, Side, compare, distances_at_vertices,
 };
-pub use figures::{BAD_ANGLE_DEG, Figures, Quality, area, boundary_length, euler_characteristic, volume};
+pub use figures::{
+    BAD_ANGLE_DEG, Figures, Quality, area, boundary_length, euler_characteristic, smallest_angles_deg, volume,
+};
 pub use heatmap::{heatmap, viridis};
 pub use sample::{SurfaceSample, SurfaceSampler};

@@ -60,7 +60,8 @@ use passes::{Done, Surface, collapse_in_passes};
 /// result has no unused vertices or wedges and is in spatial order ([`Mesh::sort_spatially`]). Triangles that name a
 /// vertex twice are dropped.
 ///
-/// Units: `max_error` and the reported error are distances in model units. Cost: O(n log n) time.
+/// Units: `max_error` and the reported error are distances in model units. Cost: O(n log n) time; [`StageTimes`](crate::StageTimes)
+/// tells that of `sorting`, `preparing`, `passes`, `queue` and `finishing`.
 ///
 /// # Errors
 /// [`SimplifyError`] for options that make no sense, a mesh that breaks its invariants, or cancellation; the mesh is
@@ -91,7 +92,7 @@ pub fn simplify(
         return clustered.collapse(mesh, options, control);
     }
     let triangles_in = mesh.triangle_count();
-    let (mut work, options) = sorted(mesh, options);
+    let (mut work, options) = control.time("sorting", || sorted(mesh, options));
     let frame = Frame::of(&work.positions);
     let quadric = quadric_options(&options);
     let mut appearance = quadric.and_then(|quadric| AttributeMetric::new(quadric, &work, &frame, &options));
@@ -118,33 +119,34 @@ pub fn simplify(
     let importance;
     let mut faces = match &mut surface_metric {
         Some(metric) if wants_passes(&options) => {
-            let mut surface = Surface::new(frame, positions, &triangles, &wedges, &options);
+            let new_surface = || Surface::new(frame, positions, &triangles, &wedges, &options);
+            let mut surface = control.time("preparing", new_surface);
             drop(triangles);
             let observer = if wedges.is_idle() { None } else { Some(&mut wedges) };
-            done = collapse_in_passes(&mut surface, metric, observer, &request, control)?;
+            done = control.time("passes", || collapse_in_passes(&mut surface, metric, observer, &request, control))?;
             let faces;
-            (faces, importance) = surface.into_collapse_mesh(triangles_in);
+            (faces, importance) = control.time("preparing", || surface.into_collapse_mesh(triangles_in));
             request.importance = &importance;
             faces
         }
-        _ => CollapseMesh::in_frame(frame, positions, triangles.into_iter()),
+        _ => control.time("preparing", || CollapseMesh::in_frame(frame, positions, triangles.into_iter())),
     };
     if let Some(close) = close {
         faces.add_pairs(&close);
     }
     let mut features = Features::new(&wedges, &faces, &options);
-    let outcome = match (surface_metric, &mut appearance) {
+    let outcome = control.time("queue", || match (surface_metric, &mut appearance) {
         (Some(mut metric), _) => collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control),
         (None, Some(metric)) => collapse_edges(&mut faces, metric, &mut features, &mut wedges, &request, control),
         (None, None) => {
             let mut metric = ShortestEdge::new(options.placement);
             collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
         }
-    }?;
+    })?;
     if let Some(metric) = &appearance {
         metric.give_values(wedges.mesh_mut());
     }
-    *mesh = wedges.finish(faces);
+    *mesh = control.time("finishing", || wedges.finish(faces));
     let unit = frame.unit().powi(options.metric.cost_power(options.quadric_weight));
     let mut curve = done.curve;
     let highest = curve.last().map_or(0.0, |last: &CurvePoint| last.cost);

@@ -47,6 +47,14 @@ impl MetricKind {
         ("qem-hybrid", Self::HybridQuadric),
         ("qem-normalized", Self::NormalizedQuadric),
     ];
+
+    /// The placement that serves a metric best: the middle of the edge where there is nothing to minimise.
+    pub fn usual_placement(self) -> PlacementKind {
+        match self {
+            Self::ShortestEdge => PlacementKind::Midpoint,
+            _ => PlacementKind::default(),
+        }
+    }
 }
 
 impl MetricKind {

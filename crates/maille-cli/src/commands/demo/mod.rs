@@ -1,22 +1,22 @@
 //! `maille demo`: the main job on a built-in model, with a report.
 
 mod history;
-mod plot;
 mod report;
 
 use std::path::Path;
 use std::time::Instant;
 
-use maille::measure::{CompareOptions, Comparison, compare, distances_at_vertices, heatmap};
-use maille::simplify::SimplifyOptions;
-use maille::{Mesh, samples};
-use maille_io::{Asset, AssetOptions, WriteOptions, simplify_asset};
+use maille::measure::{Comparison, distances_at_vertices};
+use maille::samples;
+use maille::simplify::{SimplifyOptions, Target};
+use maille_io::{Asset, AssetOptions, WriteOptions};
 use serde_json::json;
+
+use super::report::{Card, HeatScale, Look, Model, Shot, Studio, Trials, count, percent};
 
 use crate::args::DemoArgs;
 use crate::failure::Failure;
 use crate::output;
-use crate::render::{Backdrop, Camera, Frame, Lighting, Scene, Style, draw};
 use crate::session::Session;
 
 /// Triangles of the statue: enough to be worth simplifying, few enough for an old laptop.
@@ -34,17 +34,25 @@ pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
     let session = Session::start(&args.common)?;
     super::make_folder(&args.output)?;
     let start = Instant::now();
-    let studio = Studio::new(&session)?;
-    let name = "statue.glb";
-    session.write(&studio.original, &args.output.join(name), &WriteOptions::default())?;
-    let first = studio.original_level(name, &args.output);
-    let mut levels = vec![first];
+    let original = carve(&session)?;
+    let studio = Studio::new(&original, false, &[VIEW], PICTURE);
+    let trials = Trials {
+        session: &session,
+        path: Path::new("statue"),
+        original: &original,
+        surface: &studio.surface,
+        samples: SAMPLES,
+        repeat: 1,
+    };
+    let scale = scale(&studio);
+    let demo = Demo { trials, studio: &studio, scale, folder: &args.output };
+    let mut levels = vec![demo.original()?];
     for (i, percent) in PERCENTS.into_iter().enumerate() {
         session.progress("simplifying, measuring and drawing", i as f32 / PERCENTS.len() as f32);
-        levels.push(studio.level(&session, percent, &args.output)?);
+        levels.push(demo.level(percent)?);
     }
     let history = history::run(&session)?;
-    let report = report::Report { levels: &levels, history: &history, samples: SAMPLES };
+    let report = report::Report { levels: &levels, history: &history, samples: SAMPLES, scale };
     let path = args.output.join("report.html");
     session.write_bytes(report.html().as_bytes(), &path)?;
     let seconds = start.elapsed().as_secs_f64();
@@ -79,13 +87,25 @@ fn summary(levels: &[Level], path: &Path, seconds: f64) -> String {
     format!("{table}\nDistances are in percent of the diagonal.\nDone in {seconds:.1} s. Open {path} in a browser.\n")
 }
 
-/// The model, and what all its pictures share.
-struct Studio {
-    original: Asset,
-    frame: Frame,
-    camera: Camera,
-    scene: Scene,
-    lighting: Lighting,
+fn carve(session: &Session) -> Result<Asset, Failure> {
+    let spinner = session.spinner("carving the statue");
+    let original = Asset::from_mesh("statue", samples::statue(TRIANGLES));
+    drop(spinner);
+    session.checkpoint()?;
+    Ok(original)
+}
+
+fn scale(studio: &Studio<'_>) -> HeatScale {
+    let diagonal = studio.surface.diagonal();
+    HeatScale { low: Some(COLDEST * diagonal), high: HOTTEST * diagonal, diagonal: Some(diagonal) }
+}
+
+/// What all levels share.
+struct Demo<'a> {
+    trials: Trials<'a>,
+    studio: &'a Studio<'a>,
+    scale: HeatScale,
+    folder: &'a Path,
 }
 
 /// One level of detail, measured and drawn.
@@ -98,14 +118,7 @@ struct Level {
     seconds: Option<f64>,
     /// With the original; `None` for the original itself.
     comparison: Option<Comparison>,
-    pictures: Pictures,
-}
-
-/// PNG files.
-struct Pictures {
-    shaded: Vec<u8>,
-    wireframe: Vec<u8>,
-    error: Vec<u8>,
+    card: Card,
 }
 
 impl Level {
@@ -124,92 +137,54 @@ impl Level {
     }
 }
 
-impl Studio {
-    fn new(session: &Session) -> Result<Self, Failure> {
-        let spinner = session.spinner("carving the statue");
-        let original = Asset::from_mesh("statue", samples::statue(TRIANGLES));
-        let frame = Frame::around(&original, false);
-        let scene = Scene::new(&original, &frame);
-        let camera = Camera::framing(&scene.points, PICTURE, VIEW.0, VIEW.1);
-        let lighting = Lighting::new(&scene, &camera);
-        drop(spinner);
-        session.checkpoint()?;
-        Ok(Self { original, frame, camera, scene, lighting })
+impl Demo<'_> {
+    fn original(&self) -> Result<Level, Failure> {
+        let (surface, file) = (self.trials.surface, "statue.glb");
+        let bytes = self.write(self.trials.original, file)?;
+        let nowhere = vec![0.0; surface.vertex_count()];
+        let triangles = surface.triangle_count();
+        let card = self.card(&self.studio.original, &nowhere, triangles, "the original");
+        Ok(Level { percent: 100, file: file.to_owned(), bytes, triangles, seconds: None, comparison: None, card })
     }
 
-    fn mesh(&self) -> &Mesh {
-        &self.original.meshes[0].mesh
-    }
-
-    fn original_level(&self, file: &str, folder: &Path) -> Level {
-        let nowhere = vec![0.0; self.mesh().vertex_count()];
-        Level {
-            percent: 100,
-            file: file.to_owned(),
-            bytes: file_size(&folder.join(file)),
-            triangles: self.mesh().triangle_count(),
-            seconds: None,
-            comparison: None,
-            pictures: self.pictures(&self.scene, &self.lighting, &nowhere),
-        }
-    }
-
-    fn level(&self, session: &Session, percent: u32, folder: &Path) -> Result<Level, Failure> {
-        let mut asset = self.original.clone();
-        let mut simplify = SimplifyOptions::default();
-        simplify.target.triangles = Some(self.mesh().triangle_count() * percent as usize / 100);
-        let start = Instant::now();
-        let options = AssetOptions { simplify, ..AssetOptions::default() };
-        simplify_asset(&mut asset, &options, session.quiet_control()).map_err(|error| failed(session, error))?;
-        let seconds = start.elapsed().as_secs_f64();
-        let file = format!("statue-{percent}.glb");
-        session.write(&asset, &folder.join(&file), &WriteOptions::default())?;
-
-        let (a, b) = (self.mesh(), &asset.meshes[0].mesh);
-        let measure = CompareOptions { samples: SAMPLES, ..CompareOptions::default() };
-        let comparison = compare(a, b, &measure, session.quiet_control()).map_err(|error| failed(session, error))?;
-        let distances = distances_at_vertices(a, b, session.quiet_control()).map_err(|error| failed(session, error))?;
-        let scene = Scene::new(&asset, &self.frame);
-        let lighting = Lighting::new(&scene, &self.camera);
+    fn level(&self, share: u32) -> Result<Level, Failure> {
+        let (session, surface) = (self.trials.session, self.trials.surface);
+        let triangles = Some(surface.triangle_count() * share as usize / 100);
+        let target = Target { triangles, max_error: None };
+        let simplify = SimplifyOptions { target, ..SimplifyOptions::default() };
+        let trial = self.trials.run(&AssetOptions { simplify, ..AssetOptions::default() })?;
+        let file = format!("statue-{share}.glb");
+        let bytes = self.write(&trial.asset, &file)?;
+        let distances = distances_at_vertices(surface, &trial.surface(), session.quiet_control());
+        let distances = distances.map_err(|error| self.trials.failure(&error))?;
+        let c = &trial.comparison;
+        let caption = format!("mean error {}", percent(c.relative(c.mean())));
+        let triangles = trial.report.triangles_out;
+        let card = self.card(&self.studio.model(&trial.asset), &distances, triangles, &caption);
         session.cancelled()?;
-        Ok(Level {
-            percent,
-            bytes: file_size(&folder.join(&file)),
-            file,
-            triangles: b.triangle_count(),
-            seconds: Some(seconds),
-            comparison: Some(comparison),
-            pictures: self.pictures(&scene, &lighting, &distances),
-        })
+        let (seconds, comparison) = (Some(trial.seconds), Some(trial.comparison));
+        Ok(Level { percent: share, file, bytes, triangles, seconds, comparison, card })
+    }
+
+    /// Writes a level; gives the size of its file.
+    fn write(&self, asset: &Asset, file: &str) -> Result<u64, Failure> {
+        let path = self.folder.join(file);
+        self.trials.session.write(asset, &path, &WriteOptions::default())?;
+        Ok(std::fs::metadata(path).map_or(0, |meta| meta.len()))
     }
 
     /// Draws a level, and the original coloured by its distances to it.
-    fn pictures(&self, scene: &Scene, lighting: &Lighting, distances: &[f32]) -> Pictures {
-        let style = Style { flat: false, wireframe: false, clay: true, backdrop: Backdrop::Transparent };
-        let png =
-            |scene: &Scene, lighting: &Lighting, style: Style| draw(scene, lighting, &self.camera, &style).to_png();
-        let coloured = Asset::from_mesh("error", heatmap(self.mesh(), &self.heat(distances), [0.0, 1.0]));
-        let coloured = Scene::new(&coloured, &self.frame);
-        Pictures {
-            shaded: png(scene, lighting, style),
-            wireframe: png(scene, lighting, Style { wireframe: true, flat: true, ..style }),
-            error: png(&coloured, &self.lighting, Style { clay: false, ..style }),
-        }
+    fn card(&self, model: &Model, distances: &[f32], triangles: usize, caption: &str) -> Card {
+        let shot =
+            |look, what: &str, png| Shot { look, alt: format!("{what} of the statue with {triangles} triangles"), png };
+        let heat = self.studio.heat(&self.studio.original, self.trials.surface, distances, &self.scale);
+        let mut shots = vec![
+            shot(Look::Shaded, "Shaded picture", self.studio.picture(model, 0, Look::Shaded)),
+            shot(Look::Wireframe, "Wireframe", self.studio.picture(model, 0, Look::Wireframe)),
+        ];
+        shots.extend(heat.into_iter().map(|png| shot(Look::Error, "Distance map", png)));
+        Card { shots, caption: format!("<b>{}</b> triangles<br>{caption}", count(triangles)) }
     }
-
-    /// Places of distances on the logarithmic scale of the report, 0 to 1.
-    fn heat(&self, distances: &[f32]) -> Vec<f32> {
-        let diagonal = self.mesh().diagonal();
-        let share = |&distance: &f32| {
-            let relative = (f64::from(distance) / diagonal).max(COLDEST);
-            ((relative / COLDEST).ln() / (HOTTEST / COLDEST).ln()) as f32
-        };
-        distances.iter().map(share).collect()
-    }
-}
-
-fn file_size(path: &Path) -> u64 {
-    std::fs::metadata(path).map_or(0, |meta| meta.len())
 }
 
 /// What stops work on a model of our own: Ctrl-C, or a fault of ours.

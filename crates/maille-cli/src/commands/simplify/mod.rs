@@ -1,8 +1,9 @@
 //! `maille simplify`
 
+mod report;
+
 use std::cmp::Reverse;
-use std::path::PathBuf;
-use std::time::Instant;
+use std::path::{Path, PathBuf};
 
 use maille::cluster::ClusterMethod;
 use maille::refit::RefitOptions;
@@ -13,25 +14,50 @@ use maille::simplify::{
 use maille_io::{Asset, AssetOptions, AssetReport, Budget, ProcessError, WriteOptions, Written, simplify_asset};
 use serde_json::{Value, json};
 
+use self::report::Evidence;
+use super::report::ReportFiles;
 use crate::args::{Normals, Preset, SimplifyArgs, Turn, Weights};
 use crate::failure::Failure;
 use crate::output::{self, Listing};
 use crate::session::Session;
-use crate::system;
+use crate::stages::Ledger;
 
 pub(crate) fn run(args: &SimplifyArgs) -> Result<(), Failure> {
     let path = super::destination(&args.input, &args.destination)?;
     check_method(args)?;
+    let files = match &args.report {
+        Some(report) => Some(ReportFiles::new(report, &[&args.input, &path])?),
+        None => None,
+    };
     let session = Session::start(&args.common)?;
-    let mut asset = session.read(&args.input)?;
+    let mut ledger = Ledger::new(files.is_some());
+    let mut asset = ledger.stage("read", |_| session.read(&args.input))?;
     let diagonal = super::diagonal(&asset);
     let options = options(args, &asset, diagonal);
-    let start = Instant::now();
-    let report = simplify_asset(&mut asset, &options, session.control()).map_err(|error| refusal(args, &error))?;
-    let seconds = start.elapsed().as_secs_f64();
+    let report = ledger.stage("simplify", |times| {
+        let control = session.control();
+        simplify_asset(&mut asset, &options, control.with_times(times)).map_err(|error| refusal(&args.input, &error))
+    })?;
     session.checkpoint()?;
-    let written = session.write(&asset, &path, &WriteOptions::default())?;
-    let done = Done { report, seconds, diagonal, cluster: options.cluster, options: options.simplify, path, written };
+    // before anything is written: what fails in a report leaves nothing behind
+    let evidence = match files {
+        Some(files) => Some(Evidence::gather(&session, args, files, &options, &report, &asset)?),
+        None => None,
+    };
+    let written = ledger.stage("write", |_| session.write(&asset, &path, &WriteOptions::default()))?;
+    let mut done = Done {
+        report,
+        ledger,
+        diagonal,
+        cluster: options.cluster,
+        options: options.simplify,
+        path,
+        written,
+        told: Vec::new(),
+    };
+    if let Some(evidence) = evidence {
+        evidence.write(&session, args, &mut done, &asset)?;
+    }
     session.result(|| done.json(args, &session, &asset), || done.text(args))
 }
 
@@ -146,34 +172,37 @@ pub(crate) fn preset(preset: Preset) -> SimplifyOptions {
     }
 }
 
-fn by_name<T: Copy>(names: &[(&str, T)], name: &str) -> Option<T> {
+pub(crate) fn by_name<T: Copy>(names: &[(&str, T)], name: &str) -> Option<T> {
     names.iter().find(|(known, _)| *known == name).map(|&(_, value)| value)
 }
 
-fn name_of<T: PartialEq>(names: &[(&'static str, T)], value: &T) -> &'static str {
+pub(crate) fn name_of<T: PartialEq>(names: &[(&'static str, T)], value: &T) -> &'static str {
     names.iter().find(|(_, known)| known == value).map_or("", |&(name, _)| name)
 }
 
-fn refusal(args: &SimplifyArgs, error: &ProcessError) -> Failure {
+/// Why a file could not be simplified, for the user.
+pub(crate) fn refusal(path: &Path, error: &ProcessError) -> Failure {
+    let path = path.display();
     match error {
         ProcessError::Mesh { error: SimplifyError::Cancelled(_), .. } => Failure::Cancelled,
         ProcessError::Mesh { error: SimplifyError::NotFinite { .. }, .. } => {
-            let remedy = format!("maille repair {} -o OUT --all", args.input.display());
-            Failure::Refused(format!("cannot simplify {}: {error} ({remedy})", args.input.display()))
+            Failure::Refused(format!("cannot simplify {path}: {error} (maille repair {path} -o OUT --all)"))
         }
-        _ => Failure::Refused(format!("cannot simplify {}: {error}", args.input.display())),
+        _ => Failure::Refused(format!("cannot simplify {path}: {error}")),
     }
 }
 
 /// What has been done, ready to be told.
 struct Done {
     report: AssetReport,
-    seconds: f64,
+    ledger: Ledger,
     diagonal: f64,
     cluster: Option<ClusterMethod>,
     options: SimplifyOptions,
     path: PathBuf,
     written: Written,
+    /// The files of the report.
+    told: Vec<PathBuf>,
 }
 
 /// A constraint that refused collapses.
@@ -200,12 +229,14 @@ impl Done {
         json!({
             "input": args.input.display().to_string(),
             "output": self.path.display().to_string(),
-            "files": output::paths(&self.written.files),
+            "files": ([output::paths(&self.written.files), output::paths(&self.told)].concat()),
+            "report": self.told.first().map(|path| path.display().to_string()),
             "triangles_in": report.triangles_in,
             "triangles_out": report.triangles_out,
-            "seconds": self.seconds,
+            "seconds": self.ledger.seconds("simplify"),
+            "stages": self.ledger.json(),
             "threads": session.threads(),
-            "peak_bytes": system::peak_bytes(),
+            "peak_bytes": self.ledger.peak_bytes(),
             "stopped": stop_name(report.stopped),
             "error": report.error,
             "diagonal": self.diagonal,
@@ -232,7 +263,7 @@ impl Done {
         let mut listing = Listing::default();
         let (before, after) = (output::count(report.triangles_in), output::count(report.triangles_out));
         listing.heading(format!("{}: {before} -> {after} triangles", args.input.display()));
-        listing.line("time", output::seconds(self.seconds));
+        listing.line("time", output::seconds(self.ledger.seconds("simplify")));
         listing.line("stopped", self.explanation());
         let meaning = match (self.cluster, self.options.cluster_first) {
             (Some(_), _) => "as far as a vertex moved",
@@ -259,6 +290,9 @@ impl Done {
             barriers.iter().for_each(|barrier| listing.line("remedy", barrier.remedy.clone()));
         }
         listing.line("wrote", output::written(&self.written.files));
+        if !self.told.is_empty() {
+            listing.line("report", output::written(&self.told));
+        }
         if !args.destination.in_place {
             listing.line("measure", format!("maille compare {} {}", args.input.display(), self.path.display()));
         }
@@ -325,7 +359,7 @@ fn refusals(refused: &Refusals) -> [(String, Value); 7] {
     .map(|(name, n)| (name.to_owned(), n.into()))
 }
 
-fn stop_name(stop: Stop) -> &'static str {
+pub(crate) fn stop_name(stop: Stop) -> &'static str {
     match stop {
         Stop::Triangles => "triangles",
         Stop::MaxError => "max_error",
