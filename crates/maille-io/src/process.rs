@@ -5,6 +5,7 @@ use std::sync::Mutex;
 use glam::{DMat3, DMat4};
 use maille::cluster::{ClusterMethod, ClusterOptions, cluster};
 use maille::measure::area;
+use maille::mesh::WeldOptions;
 use maille::refit::{RefitOptions, RefitReport};
 use maille::simplify::{
     AttributeError, CurvePoint, EdgePolicy, Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, Target,
@@ -45,6 +46,8 @@ pub struct AssetOptions {
     /// mesh that is drawn twice counts twice), the largest error is a distance in world units. `locked` and `importance` must be
     /// empty: they are per vertex, name attributes instead.
     pub simplify: SimplifyOptions,
+    /// Merge vertices at the same place first, and wedges that agree: a soup of triangles becomes a surface.
+    pub weld: bool,
     /// How a number of triangles is shared out over the meshes.
     pub budget: Budget,
     /// Factors on what single attributes count in the metric, by the names that the file gives them ([`find_attribute`]).
@@ -136,6 +139,11 @@ pub fn simplify_asset(
     let weighted = options.attribute_weights.iter().map(|(name, _)| name);
     for name in options.importance.iter().chain(&options.lock).chain(weighted) {
         require_attribute(asset, name)?;
+    }
+    if options.weld {
+        asset.meshes.par_iter_mut().for_each(|named| {
+            named.mesh.weld(&WeldOptions::EXACT_WITH_WEDGES);
+        });
     }
     let scales = world_scales(asset);
     let draws = asset.draws();

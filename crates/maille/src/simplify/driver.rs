@@ -172,9 +172,50 @@ struct Costs<'a, M> {
     metric: &'a M,
     features: &'a Features,
     importance: &'a [f32],
+    /// Whether small parts may go, at what their loss costs.
+    prunes: bool,
 }
 
+/// Most faces that are looked at to find out whether a collapse makes a part of the surface vanish.
+const LAST_FACES: usize = 6;
+
 impl<M: Metric> Costs<'_, M> {
+    /// What is lost with the last faces of a part, if the collapse of an edge makes it vanish: their area, and how far it
+    /// is from what stays, squared, taken for their longest edge. Planes say nothing of that. `None` for an edge of
+    /// anything larger than a tetrahedron.
+    fn extinction(&self, ends: [u32; 2]) -> Option<(f64, f64)> {
+        let [a, b] = ends.map(|v| self.mesh.faces_around(v).take(LAST_FACES + 1).count());
+        if a + b > LAST_FACES + 2 {
+            return None;
+        }
+        let mut corners = [u32::MAX; 4];
+        corners[..2].copy_from_slice(&ends);
+        let mut known = 2;
+        let (mut area, mut length_sq) = (0.0, 0.0_f64);
+        let mut i = 0;
+        while i < known {
+            let v = corners[i];
+            let p = self.mesh.point(v);
+            for (n, face) in self.mesh.faces_around(v).enumerate() {
+                for w in [face.x, face.y] {
+                    if corners[..known].contains(&w) {
+                        continue;
+                    }
+                    if known == corners.len() || n > LAST_FACES {
+                        return None; // larger than that
+                    }
+                    corners[known] = w;
+                    known += 1;
+                }
+                let [x, y] = [face.x, face.y].map(|w| self.mesh.point(w) - p);
+                area += x.cross(y).length() / 6.0; // a third of it from each corner
+                length_sq = length_sq.max(x.length_squared()).max(y.length_squared());
+            }
+            i += 1;
+        }
+        Some((area, length_sq))
+    }
+
     /// The candidate of an edge; `Ok(None)` when it is no more or the metric forbids it.
     #[inline]
     fn evaluate(&self, edge: u32) -> Result<Option<Candidate>, Barred> {
@@ -185,6 +226,12 @@ impl<M: Metric> Costs<'_, M> {
         let anchor = self.features.anchor(edge, ends)?;
         let context = EdgeContext { ends, points: ends.map(|v| self.mesh.point(v)), anchor };
         let mut candidate = self.metric.evaluate(self.mesh, &context);
+        if let (Some(candidate), true) = (&mut candidate, self.prunes)
+            && let Some((area, length_sq)) = self.extinction(ends)
+        {
+            candidate.cost = candidate.cost.max(area * length_sq);
+            candidate.error_sq = candidate.error_sq.max(length_sq);
+        }
         if let (Some(candidate), false) = (&mut candidate, self.importance.is_empty()) {
             let [a, b] = ends.map(|v| f64::from(self.importance[v as usize]));
             candidate.cost *= match anchor {
@@ -200,7 +247,8 @@ impl<M: Metric> Costs<'_, M> {
 
 impl<M: Metric, O: Observer> Loop<'_, M, O> {
     fn costs(&self) -> Costs<'_, M> {
-        Costs { mesh: self.mesh, metric: self.metric, features: self.features, importance: &self.importance }
+        let prunes = self.limits.parts_may_go;
+        Costs { mesh: self.mesh, metric: self.metric, features: self.features, importance: &self.importance, prunes }
     }
 
     fn fill_queue(&self) -> Queue {

@@ -47,8 +47,9 @@ pub use quadric::Quadric;
 pub use wedges::WedgeMerger;
 
 use crate::cluster::{ClusterOptions, ClusterReport, cluster_mapped};
-use crate::topology::CollapseMesh;
 use crate::topology::collapse_mesh::Frame;
+use crate::topology::{CollapseMesh, UnionFind};
+
 use crate::{Control, Mesh};
 use attributes::AttributeMetric;
 use passes::{Done, Surface, collapse_in_passes};
@@ -114,7 +115,10 @@ pub fn simplify(
         },
         importance: &options.importance,
     };
-    let close = options.join_distance.map(|distance| pairs::close_pairs(&positions, distance));
+    let close = options.join_distance.map(|distance| {
+        let parts = options.join_parts_only.then(|| parts_of(positions.len(), &triangles));
+        pairs::close_pairs(&positions, distance, parts.as_deref())
+    });
     let mut done = Done::default();
     let importance;
     let mut faces = match &mut surface_metric {
@@ -222,6 +226,16 @@ impl Clustered {
         let triangles_in = self.report.triangles_in;
         Ok(SimplifyReport { triangles_in, error: self.report.error + report.error, ..report })
     }
+}
+
+/// The part of the surface that each vertex belongs to: the lowest vertex of it.
+fn parts_of(vertices: usize, triangles: &[[u32; 3]]) -> Vec<u32> {
+    let mut parts = UnionFind::new(vertices);
+    for &[a, b, c] in triangles {
+        parts.union(a, b);
+        parts.union(b, c);
+    }
+    parts.into_roots()
 }
 
 /// Whether passes come first: they know neither valence nor quality of triangles nor pairs.

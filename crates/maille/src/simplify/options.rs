@@ -261,6 +261,8 @@ pub struct SimplifyOptions {
     pub min_quality: Option<f64>,
     /// Also join vertex pairs without an edge that are closer than this distance, in model units.
     pub join_distance: Option<f64>,
+    /// Join only vertices of different parts of the surface.
+    pub join_parts_only: bool,
     /// One entry per vertex: vertices that must stay. Empty: none.
     pub locked: Vec<bool>,
     /// One factor per vertex on the cost of its collapses (0 or more; 1 is neutral). Empty: all 1.
@@ -295,6 +297,7 @@ impl Default for SimplifyOptions {
             valence: None,
             min_quality: None,
             join_distance: None,
+            join_parts_only: false,
             locked: Vec::new(),
             importance: Vec::new(),
             normals: NormalPolicy::default(),

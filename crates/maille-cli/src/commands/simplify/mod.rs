@@ -131,7 +131,8 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
     simplify.max_normal_turn = args.max_normal_turn.0.map(f64::to_radians);
     simplify.valence = args.valence;
     simplify.min_quality = args.min_quality;
-    simplify.join_distance = args.join_distance.map(|distance| distance.in_units(diagonal));
+    let near = (args.preset == Preset::Aggressive).then_some(NEAR_PARTS * diagonal);
+    simplify.join_distance = args.join_distance.map(|distance| distance.in_units(diagonal)).or(near);
     simplify.normals = args.normals.into();
     simplify.max_influences = args.max_influences;
     let surface_alone = args.metric.is_some() && args.attribute_weight.is_empty();
@@ -146,6 +147,7 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
     AssetOptions {
         simplify,
         cluster: cluster_method(args),
+        weld: args.preset == Preset::Aggressive,
         budget,
         attribute_weights,
         importance: args.importance.clone(),
@@ -153,6 +155,9 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
         refit,
     }
 }
+
+/// Share of the diagonal within which the aggressive preset joins parts.
+const NEAR_PARTS: f64 = 0.001;
 
 /// The bundle of options that a preset stands for.
 pub(crate) fn preset(preset: Preset) -> SimplifyOptions {
@@ -163,10 +168,9 @@ pub(crate) fn preset(preset: Preset) -> SimplifyOptions {
         Preset::Fast => SimplifyOptions { metric: MetricKind::ConstrainedQuadric, ..balanced },
         Preset::Best => SimplifyOptions { order: Order::Exact, ..balanced },
         Preset::Aggressive => SimplifyOptions {
-            boundary: EdgePolicy::Free,
-            seams: EdgePolicy::Free,
-            material_borders: EdgePolicy::Free,
+            boundary: EdgePolicy::Hold,
             topology: TopologyPolicy::Free,
+            join_parts_only: true,
             ..balanced
         },
     }
@@ -407,7 +411,7 @@ mod tests {
         let found = options(&parsed(line), &asset, 2.0).simplify;
         assert_eq!(found.target.max_error, Some(0.02));
         assert_eq!((found.metric, found.placement), (MetricKind::Quadric, PlacementKind::Midpoint));
-        assert_eq!((found.boundary, found.seams), (EdgePolicy::Lock, EdgePolicy::Free));
+        assert_eq!((found.boundary, found.seams), (EdgePolicy::Lock, EdgePolicy::Hold));
         assert_eq!((found.max_normal_turn, found.valence), (None, Some((4, 11))));
         assert_eq!(found.topology, TopologyPolicy::Free);
     }
