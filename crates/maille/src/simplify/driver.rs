@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::features::{Barred, Features};
 use super::legality::{Collapse, Limits, landing};
 use super::metric::{Anchor, Candidate, EdgeContext, Metric, Update};
+use super::normal_cones::NormalCones;
 use super::options::{Order, Refusals, Stop, TopologyPolicy};
 use super::patience::Patience;
 use super::queue::Queue;
@@ -81,6 +82,7 @@ pub fn collapse_edges<M: Metric, O: Observer>(
         outcome: Outcome { collapses: 0, error: 0.0, stopped: Stop::Exhausted, refused: Refusals::default() },
         over_error: false,
         patience: Patience::new(mesh),
+        cones: request.limits.max_normal_deviation.map(|most| NormalCones::new(mesh, most)),
         mesh,
         metric,
         features,
@@ -151,6 +153,8 @@ struct Loop<'a, M, O> {
     over_error: bool,
     /// Used up, edges at vertices of very many faces are not looked at.
     patience: Patience,
+    /// What normals are held against, where they are.
+    cones: Option<NormalCones>,
     kept_ring: Vec<RingFace>,
     removed_ring: Vec<RingFace>,
     effect: CollapseEffect,
@@ -174,7 +178,7 @@ impl<M: Metric> Costs<'_, M> {
         let ends = self.mesh.ends(edge);
         let anchor = self.features.anchor(edge, ends)?;
         let context = EdgeContext { ends, points: ends.map(|v| self.mesh.point(v)), anchor };
-        let mut candidate = self.metric.evaluate(&context);
+        let mut candidate = self.metric.evaluate(self.mesh, self.features, &context);
         if let (Some(candidate), false) = (&mut candidate, self.importance.is_empty()) {
             let [a, b] = ends.map(|v| f64::from(self.importance[v as usize]));
             candidate.cost *= match anchor {
@@ -301,6 +305,10 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         if test && !self.limits.allow(self.mesh, &collapse, &mut self.marks, &mut self.outcome.refused) {
             return false;
         }
+        if test && self.cones.as_ref().is_some_and(|cones| !cones.allow(self.mesh, &collapse)) {
+            self.outcome.refused.normal_deviation += 1;
+            return false;
+        }
         let vanishes = || star.kept_ring.iter().filter(|face| star.kills(face)).count() == self.mesh.live_face_count();
         if self.target_faces > 0 && self.mesh.live_face_count() <= star.kept_ring.len() && vanishes() {
             self.outcome.refused.topology += 1;
@@ -309,6 +317,9 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         if strands_locked(self.mesh, self.features, &collapse) {
             self.outcome.refused.locked += 1;
             return false;
+        }
+        if let Some(cones) = &mut self.cones {
+            cones.commit(&collapse);
         }
         self.observer.on_collapse(&collapse);
         self.outcome.collapses += 1;

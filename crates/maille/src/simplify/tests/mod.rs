@@ -3,6 +3,7 @@
 mod attributes;
 mod constraints;
 mod laws;
+mod metrics;
 mod options;
 mod order;
 mod passes;
