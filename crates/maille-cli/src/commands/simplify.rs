@@ -6,7 +6,8 @@ use std::time::Instant;
 
 use maille::refit::RefitOptions;
 use maille::simplify::{
-    EdgePolicy, MetricKind, Order, PlacementKind, Refusals, SimplifyError, SimplifyOptions, Stop, TopologyPolicy,
+    EdgePolicy, MetricKind, Order, PlacementKind, QuadricMemory, Refusals, SimplifyError, SimplifyOptions, Stop,
+    TopologyPolicy,
 };
 use maille_io::{Asset, AssetOptions, AssetReport, ProcessError, WriteOptions, Written, simplify_asset};
 use serde_json::{Value, json};
@@ -48,6 +49,11 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
         simplify.order = order;
     }
     simplify.quadric_weight = args.weights.into();
+    simplify.memory = args.memory.as_deref().and_then(|name| by_name(&QuadricMemory::NAMES, name));
+    simplify.position_sigma = args.position_sigma.unwrap_or(simplify.position_sigma);
+    simplify.normal_sigma = args.normal_sigma.unwrap_or(simplify.normal_sigma);
+    simplify.line_weight = args.line_weight.unwrap_or(simplify.line_weight);
+    simplify.silhouette_weight = args.silhouette_weight;
     for (place, given) in [
         (&mut simplify.boundary, args.boundary),
         (&mut simplify.seams, args.seams),
@@ -62,6 +68,7 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
         simplify.topology = topology;
     }
     simplify.max_normal_turn = args.max_normal_turn.0.map(f64::to_radians);
+    simplify.max_normal_deviation = args.max_normal_deviation.0.map(f64::to_radians);
     simplify.valence = args.valence;
     simplify.min_quality = args.min_quality;
     simplify.join_distance = args.join_distance.map(|distance| distance.in_units(diagonal));
@@ -195,6 +202,7 @@ impl Done {
         let all = [
             barrier(refused.topology, "for the topology", "--topology free, or --preset aggressive"),
             barrier(refused.fold_over, "for fold-over", "a larger --max-normal-turn, or --preset aggressive"),
+            barrier(refused.normal_deviation, "for the original normals", "a larger --max-normal-deviation"),
             barrier(refused.border, &format!("that would tear {preserved}"), &relaxed),
             barrier(refused.locked, "between locked vertices", &unlocked),
             barrier(refused.valence, "for the valence", "a wider --valence"),
@@ -219,10 +227,11 @@ impl Done {
     }
 }
 
-fn refusals(refused: &Refusals) -> [(String, Value); 6] {
+fn refusals(refused: &Refusals) -> [(String, Value); 7] {
     [
         ("topology", refused.topology),
         ("fold_over", refused.fold_over),
+        ("normal_deviation", refused.normal_deviation),
         ("border", refused.border),
         ("locked", refused.locked),
         ("valence", refused.valence),
