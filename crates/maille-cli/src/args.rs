@@ -7,7 +7,9 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 use maille::cluster::ClusterMethod;
 use maille::repair::{self, ParseRepairError, Repair};
-use maille::simplify::{EdgePolicy, MetricKind, NormalPolicy, Order, PlacementKind, QuadricWeight, TopologyPolicy};
+use maille::simplify::{
+    EdgePolicy, MetricKind, NormalPolicy, Order, PlacementKind, QuadricMemory, QuadricWeight, TopologyPolicy,
+};
 
 const AFTER_HELP: &str = "\
 Exit codes:
@@ -228,6 +230,22 @@ pub(crate) struct SimplifyArgs {
     /// How the triangles' planes are weighted in quadric metrics.
     #[arg(long, value_enum, default_value_t = Weights::Area, help_heading = "Method")]
     pub(crate) weights: Weights,
+    /// What quadrics know of the past. summed: all planes of the original; rebuilt: those of the triangles as they are;
+    /// both: rebuilt ones place, both cost. Default: what the metric is named after.
+    #[arg(long, value_name = "MEMORY", value_parser = named(&MEMORIES), help_heading = "Method")]
+    pub(crate) memory: Option<String>,
+    /// Standard deviation of positions for the probabilistic metrics, in mean edge lengths; default: 0.01.
+    #[arg(long, value_name = "S", value_parser = parse_non_negative, help_heading = "Method")]
+    pub(crate) position_sigma: Option<f64>,
+    /// Standard deviation of unit normals for probabilistic-plane; default: 0.01.
+    #[arg(long, value_name = "S", value_parser = parse_non_negative, help_heading = "Method")]
+    pub(crate) normal_sigma: Option<f64>,
+    /// Weight of the lines in line-quadrics, relative to the planes; default: 0.001.
+    #[arg(long, value_name = "W", value_parser = parse_non_negative, help_heading = "Method")]
+    pub(crate) line_weight: Option<f64>,
+    /// How much more collapses cost where the model's outline is likely to be seen: 0.2 is what to begin with.
+    #[arg(long, value_name = "W", default_value_t = 0.0, value_parser = parse_non_negative, help_heading = "Method")]
+    pub(crate) silhouette_weight: f64,
 
     /// What happens to open borders; default: preserve.
     #[arg(long, value_enum, value_name = "POLICY", help_heading = "Constraints")]
@@ -248,6 +266,10 @@ pub(crate) struct SimplifyArgs {
     /// Refuse collapses that turn a triangle's normal by more than this angle in degrees; `off`: allow all.
     #[arg(long, value_name = "DEG", default_value = "75", value_parser = parse_turn, help_heading = "Constraints")]
     pub(crate) max_normal_turn: Turn,
+    /// Refuse collapses after which a triangle's normal deviates by more than this angle in degrees from those of the
+    /// original triangles that it stands for; `off`: allow all.
+    #[arg(long, value_name = "DEG", default_value = "off", value_parser = parse_turn, help_heading = "Constraints")]
+    pub(crate) max_normal_deviation: Turn,
     /// Refuse collapses that leave a vertex with a valence outside this range, for example 4..11.
     #[arg(long, value_name = "LOW..HIGH", value_parser = parse_range, help_heading = "Constraints")]
     pub(crate) valence: Option<(u32, u32)>,
@@ -540,6 +562,8 @@ pub(crate) enum Weights {
     Uniform,
     /// By the area of the triangle
     Area,
+    /// By the square of the area of the triangle
+    AreaSquared,
     /// By the angle of the triangle at the vertex
     Angle,
 }
@@ -587,6 +611,7 @@ impl From<Weights> for QuadricWeight {
         match weights {
             Weights::Uniform => Self::Uniform,
             Weights::Area => Self::Area,
+            Weights::AreaSquared => Self::AreaSquared,
             Weights::Angle => Self::Angle,
         }
     }
@@ -618,6 +643,7 @@ const METHODS: [&str; 1 + ClusterMethod::NAMES.len()] = {
     ["collapse", a, b, c, d]
 };
 const ORDERS: [&str; Order::NAMES.len()] = names(Order::NAMES);
+const MEMORIES: [&str; QuadricMemory::NAMES.len()] = names(QuadricMemory::NAMES);
 const TOPOLOGIES: [&str; TopologyPolicy::NAMES.len()] = names(TopologyPolicy::NAMES);
 const PLACEMENTS: [&str; PlacementKind::NAMES.len()] = names(PlacementKind::NAMES);
 

@@ -105,7 +105,9 @@ fn every_metric_placement_and_preset_is_accepted() {
     let mut choices: Vec<(&str, &str)> = presets.map(|name| ("--preset", name)).to_vec();
     choices.extend(maille::simplify::MetricKind::NAMES.map(|(name, _)| ("--metric", name)));
     choices.extend(maille::simplify::PlacementKind::NAMES.map(|(name, _)| ("--placement", name)));
-    choices.extend(["uniform", "area", "angle"].map(|name| ("--weights", name)));
+    choices.extend(["uniform", "area", "area-squared", "angle"].map(|name| ("--weights", name)));
+    choices.extend(maille::simplify::QuadricMemory::NAMES.map(|(name, _)| ("--memory", name)));
+    choices.extend([("--silhouette-weight", "2"), ("--max-normal-deviation", "60")]);
     for (option, name) in choices {
         let report = folder.json(&["simplify", "a.ply", "-o", "b.ply", "--triangles", "300", option, name]);
         let left = report["triangles_out"].as_u64().unwrap_or(u64::MAX);

@@ -604,6 +604,7 @@ fn sum(a: Refusals, b: Refusals) -> Refusals {
     Refusals {
         topology: a.topology + b.topology,
         fold_over: a.fold_over + b.fold_over,
+        normal_deviation: a.normal_deviation + b.normal_deviation,
         border: a.border + b.border,
         locked: a.locked + b.locked,
         valence: a.valence + b.valence,

@@ -329,13 +329,13 @@ impl AttributeMetric {
         &self,
         q: &mut Quadric,
         attribute: &Channels,
-        members: impl Iterator<Item = (u32, u8)> + Clone,
+        members: &(impl Iterator<Item = (u32, u8)> + Clone),
         points: [DVec3; 2],
         mut tell: impl FnMut((DVec3, f64)),
     ) -> f64 {
         let Some((reference, _)) = members.clone().next() else { return 0.0 };
         members.clone().for_each(|(wedge, end)| {
-            q.add_form(self.sums_of(wedge).squares(attribute.squares), points[usize::from(end)])
+            q.add_form(self.sums_of(wedge).squares(attribute.squares), points[usize::from(end)]);
         });
         let area: f64 = members.clone().map(|(wedge, _)| self.sums_of(wedge).area()).sum();
         let per_area = if area > 0.0 { 1.0 / area } else { 0.0 };
@@ -365,7 +365,7 @@ impl AttributeMetric {
         if let [Some(a), Some(b)] = edge.ends.map(|v| self.only_wedge(v)) {
             let both = [(a, 0), (b, 1)];
             for attribute in &self.attributes {
-                self.add_group(&mut q, attribute, both.into_iter(), edge.points, |_| {});
+                self.add_group(&mut q, attribute, &both.into_iter(), edge.points, |_| {});
             }
             return q;
         }
@@ -379,7 +379,7 @@ impl AttributeMetric {
             let label = self.shared(attribute, ends);
             for first in (0..label.len()).filter(|&i| usize::from(label[i]) == i) {
                 let members = (first..label.len()).filter(|&i| usize::from(label[i]) == first).map(|i| ends.wedges[i]);
-                self.add_group(q, attribute, members, points, |_| {});
+                self.add_group(q, attribute, &members, points, |_| {});
             }
         }
     }
@@ -402,7 +402,7 @@ impl AttributeMetric {
                 let mut q = Quadric::default();
                 pending.slopes.clear();
                 let group_area =
-                    self.add_group(&mut q, attribute, members.clone(), edge.points, |slope| pending.slopes.push(slope));
+                    self.add_group(&mut q, attribute, &members, edge.points, |slope| pending.slopes.push(slope));
                 squared += q.at(place).max(0.0);
                 area += group_area;
                 let at_end = kept_end.and_then(|end| members.clone().find(|&(_, e)| usize::from(e) == end));
@@ -412,7 +412,7 @@ impl AttributeMetric {
                         Some((wedge, _)) => self.value(wedge, j), // to the bit
                         None if group_area > 0.0 => {
                             let step = (slope.dot(place) + offset) / (group_area * self.weights[j]);
-                            let [low, high] = self.reach(j, members.clone(), rings, edge.ends);
+                            let [low, high] = self.reach(j, &members, rings, edge.ends);
                             ((f64::from(self.value(reference, j)) + step) as f32).clamp(low, high)
                         }
                         None => self.value(reference, j),
@@ -437,7 +437,7 @@ impl AttributeMetric {
     fn reach(
         &self,
         channel: usize,
-        wedges: impl Iterator<Item = (u32, u8)> + Clone,
+        wedges: &(impl Iterator<Item = (u32, u8)> + Clone),
         rings: [&[RingFace]; 2],
         ends: [u32; 2],
     ) -> [f32; 2] {
@@ -543,7 +543,7 @@ impl Metric for AttributeMetric {
     }
 
     #[inline]
-    fn evaluate(&self, mesh: &CollapseMesh, edge: &EdgeContext) -> Option<Candidate> {
+    fn evaluate(&self, mesh: &CollapseMesh, _: &Features, edge: &EdgeContext) -> Option<Candidate> {
         Some(self.surface.evaluate_with(&self.quadric(mesh, edge), edge))
     }
 

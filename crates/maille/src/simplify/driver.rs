@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::features::{Barred, Features};
 use super::legality::{Collapse, Limits, landing};
 use super::metric::{Anchor, Candidate, EdgeContext, Metric, Update};
+use super::normal_cones::NormalCones;
 use super::options::{CurvePoint, Order, Refusals, Stop, TopologyPolicy};
 use super::patience::Patience;
 use super::queue::Queue;
@@ -90,6 +91,7 @@ pub fn collapse_edges<M: Metric, O: Observer>(
         highest_cost: 0.0,
         over_error: false,
         patience: Patience::new(mesh),
+        cones: request.limits.max_normal_deviation.map(|most| NormalCones::new(mesh, most)),
         mesh,
         metric,
         features,
@@ -161,6 +163,8 @@ struct Loop<'a, M, O> {
     over_error: bool,
     /// Used up, edges at vertices of very many faces are not looked at.
     patience: Patience,
+    /// What normals are held against, where they are.
+    cones: Option<NormalCones>,
     kept_ring: Vec<RingFace>,
     removed_ring: Vec<RingFace>,
     effect: CollapseEffect,
@@ -225,7 +229,7 @@ impl<M: Metric> Costs<'_, M> {
         let ends = self.mesh.ends(edge);
         let anchor = self.features.anchor(edge, ends)?;
         let context = EdgeContext { ends, points: ends.map(|v| self.mesh.point(v)), anchor };
-        let mut candidate = self.metric.evaluate(self.mesh, &context);
+        let mut candidate = self.metric.evaluate(self.mesh, self.features, &context);
         if let (Some(candidate), true) = (&mut candidate, self.prunes)
             && let Some((area, length_sq)) = self.extinction(ends)
         {
@@ -373,6 +377,10 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         if test && !self.limits.allow(self.mesh, &collapse, &mut self.marks, &mut self.outcome.refused) {
             return false;
         }
+        if test && self.cones.as_ref().is_some_and(|cones| !cones.allow(self.mesh, &collapse)) {
+            self.outcome.refused.normal_deviation += 1;
+            return false;
+        }
         let vanishes = || star.kept_ring.iter().filter(|face| star.kills(face)).count() == self.mesh.live_face_count();
         if self.target_faces > 0 && self.mesh.live_face_count() <= star.kept_ring.len() && vanishes() {
             self.outcome.refused.topology += 1;
@@ -381,6 +389,9 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         if strands_locked(self.mesh, self.features, &collapse) {
             self.outcome.refused.locked += 1;
             return false;
+        }
+        if let Some(cones) = &mut self.cones {
+            cones.commit(&collapse);
         }
         self.observer.on_collapse(&collapse);
         self.metric.on_collapse(&collapse);

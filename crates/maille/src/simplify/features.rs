@@ -64,7 +64,7 @@ impl Features {
             return Self::default();
         }
         let vertices = vertex_kinds(faces, &flags, options);
-        let planes = super::quadric_options(options).and_then(|quadric| quadric.constraint);
+        let planes = super::constraint_weight(options);
         Self {
             edges: if any { flags } else { Vec::new() },
             vertices,

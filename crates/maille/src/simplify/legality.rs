@@ -15,6 +15,8 @@ pub struct Limits {
     pub parts_may_go: bool,
     /// Least cosine of the angle by which a face's normal may turn.
     pub min_normal_cos: Option<f64>,
+    /// Largest angle, in radians, between the normal of a face and those of the original faces that it stands for.
+    pub max_normal_deviation: Option<f64>,
     /// Least and largest valence of the merged vertex, and least of its neighbours'.
     pub valence: Option<(u32, u32)>,
     /// Least quality of a triangle, unless it was worse before.

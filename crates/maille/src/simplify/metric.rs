@@ -8,6 +8,7 @@ use super::legality::Collapse;
 use super::options::{PlacementKind, QuadricWeight};
 use super::patience::Patience;
 use super::quadric::Quadric;
+use super::uncertain::{FaceQuadric, normal_line};
 use crate::prefetch::prefetch;
 use crate::topology::CollapseMesh;
 use crate::topology::collapse_mesh::RingFace;
@@ -64,8 +65,9 @@ pub trait Metric: Sync {
     /// Looks at the whole mesh before the first collapse. `features` are the edges that are to be preserved.
     fn prepare(&mut self, mesh: &CollapseMesh, features: &Features);
 
-    /// The best placement for merging the ends of an edge; `None` when the metric forbids it.
-    fn evaluate(&self, mesh: &CollapseMesh, edge: &EdgeContext) -> Option<Candidate>;
+    /// The best placement for merging the ends of an edge; `None` when the metric forbids it. The mesh and its features
+    /// are as they are now.
+    fn evaluate(&self, mesh: &CollapseMesh, features: &Features, edge: &EdgeContext) -> Option<Candidate>;
 
     /// A last look at the placement of a collapse about to be made, with the faces around both ends at hand; the
     /// candidate's own by default. `None` refuses the collapse. Other tests may still refuse it.
@@ -108,7 +110,7 @@ impl ShortestEdge {
 impl Metric for ShortestEdge {
     fn prepare(&mut self, _: &CollapseMesh, _: &Features) {}
 
-    fn evaluate(&self, _: &CollapseMesh, edge: &EdgeContext) -> Option<Candidate> {
+    fn evaluate(&self, _: &CollapseMesh, _: &Features, edge: &EdgeContext) -> Option<Candidate> {
         let [a, b] = edge.points;
         let cost = a.distance_squared(b);
         let (position, error_sq) = match (edge.anchor, self.placement) {
@@ -138,9 +140,20 @@ pub enum QuadricMemory {
     Both,
 }
 
+impl QuadricMemory {
+    /// All sorts of memory with the names the command line gives them.
+    pub const NAMES: [(&'static str, Self); 3] =
+        [("summed", Self::Summed), ("rebuilt", Self::Rebuilt), ("both", Self::Both)];
+}
+
 /// Options of the quadric metrics.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct QuadricOptions {
+    /// What a face gives to its vertices.
+    pub face: FaceQuadric,
+    /// Weight of the lines along the normals of the vertices, relative to the planes (Liu, Rahimzadeh and Zordan 2025);
+    /// 0: no lines.
+    pub line: f64,
     /// Weight of each plane.
     pub weight: QuadricWeight,
     /// Where merged vertices go.
@@ -177,11 +190,11 @@ pub struct QuadricMetric {
 
 /// What makes short edges go first among equals, as a squared distance relative to the edge's.
 /// Small enough to decide only where the planes do not (flat regions), where it keeps triangles from becoming needles.
-const SHORTNESS: f64 = 1e-12;
+pub(super) const SHORTNESS: f64 = 1e-12;
 
 /// Below this distance, in the unit frame, the planes cannot be told from exact ones in `f32`: an end that is that good
 /// is kept, as its coordinates and attributes are those of the original.
-const FLAT: f64 = 1e-7;
+pub(super) const FLAT: f64 = 1e-7;
 
 /// How many times the least cost a placement that keeps the volume may cost. By measurement: without a limit, very
 /// coarse levels get worse (a plane fitted to bent stars of few faces says little).
@@ -213,13 +226,23 @@ impl QuadricMetric {
 
     /// The quadric of a vertex from the faces around it, and how many they are.
     fn quadric_of(&self, mesh: &CollapseMesh, vertex: u32, features: &Features) -> (Quadric, usize) {
+        let (planes, faces) = if self.options.is_plain() {
+            self.planes_of::<true>(mesh, vertex)
+        } else {
+            self.planes_of::<false>(mesh, vertex)
+        };
+        (planes + self.constraint_planes(mesh, vertex, features), faces)
+    }
+
+    /// Generic as a whole: the walk around the vertex is then a type of its own for each, and inlined.
+    #[inline]
+    fn planes_of<const PLAIN: bool>(&self, mesh: &CollapseMesh, vertex: u32) -> (Quadric, usize) {
         let p = mesh.point(vertex);
         let mut faces = 0;
-        let planes = self.options.planes(
-            p,
-            mesh.faces_around(vertex).inspect(|_| faces += 1).map(|face| [mesh.point(face.x), mesh.point(face.y)]),
-        );
-        (planes + self.constraint_planes(mesh, vertex, features), faces)
+        let around =
+            mesh.faces_around(vertex).inspect(|_| faces += 1).map(|face| [mesh.point(face.x), mesh.point(face.y)]);
+        let planes = self.options.planes::<PLAIN>(p, around);
+        (planes, faces)
     }
 
     /// Planes through the features at a vertex, upright on the surface.
@@ -295,10 +318,17 @@ impl QuadricMetric {
 }
 
 impl QuadricOptions {
-    /// The quadric of the planes of the faces around p; each face is given by its two other corners.
+    /// Whether faces give nothing but their planes by area: what is asked for as a rule.
     #[inline]
-    pub(super) fn planes(&self, p: DVec3, faces: impl Iterator<Item = [DVec3; 2]>) -> Quadric {
-        let mut sum = Quadric::default();
+    pub(super) fn is_plain(&self) -> bool {
+        self.face == FaceQuadric::Plane && self.line <= 0.0 && self.weight == QuadricWeight::Area
+    }
+
+    /// The quadric of the planes of the faces around p; each face is given by its two other corners. `PLAIN` is
+    /// [`is_plain`](Self::is_plain): that loop has to fit into the registers.
+    #[inline]
+    pub(super) fn planes<const PLAIN: bool>(&self, p: DVec3, faces: impl Iterator<Item = [DVec3; 2]>) -> Quadric {
+        let (mut sum, mut normals) = (Quadric::default(), DVec3::ZERO);
         for [x, y] in faces {
             let (to_x, to_y) = (x - p, y - p);
             let scaled_normal = to_x.cross(to_y);
@@ -306,17 +336,48 @@ impl QuadricOptions {
             if length <= 0.0 {
                 continue;
             }
-            let weight = match self.weight {
-                QuadricWeight::Uniform => 1.0,
-                QuadricWeight::Area => length / 2.0,
-                QuadricWeight::Angle => to_x.angle_between(to_y),
-            };
-            sum += Quadric::plane(scaled_normal / length, p, weight);
+            if PLAIN {
+                sum += Quadric::plane(scaled_normal / length, p, length / 2.0);
+            } else {
+                let weight = self.weight_of(length, [to_x, to_y]);
+                sum += self.face.uncertain([p, x, y], scaled_normal / length, weight, self.weight);
+                normals += scaled_normal;
+            }
+        }
+        if !PLAIN && self.line > 0.0 {
+            sum += normal_line(normals, p, self.line * sum.weight / 3.0);
         }
         sum
     }
 
-    /// The quadrics of the plane of a face for each of its corners.
+    /// The same from the numbers of the corners.
+    #[inline]
+    pub(super) fn planes_at(
+        &self,
+        p: DVec3,
+        faces: impl Iterator<Item = [u32; 2]>,
+        point: impl Fn(u32) -> DVec3,
+    ) -> Quadric {
+        if self.is_plain() {
+            self.planes::<true>(p, faces.map(|corners| corners.map(&point)))
+        } else {
+            self.planes::<false>(p, faces.map(|corners| corners.map(&point)))
+        }
+    }
+
+    /// What a face counts at a corner: `length` is that of the product of the sides there.
+    #[inline]
+    fn weight_of(&self, length: f64, [to_x, to_y]: [DVec3; 2]) -> f64 {
+        match self.weight {
+            QuadricWeight::Uniform => 1.0,
+            QuadricWeight::Area => length / 2.0,
+            QuadricWeight::AreaSquared => length * length / 4.0,
+            QuadricWeight::Angle => to_x.angle_between(to_y),
+        }
+    }
+
+    /// The quadrics of the plane of a face for each of its corners; without [`line`](Self::line), which belongs to the
+    /// vertex as a whole.
     #[inline]
     pub(super) fn face_planes(&self, [a, b, c]: [DVec3; 3]) -> [Quadric; 3] {
         let scaled_normal = (b - a).cross(c - a);
@@ -325,11 +386,17 @@ impl QuadricOptions {
             return [Quadric::default(); 3];
         }
         let normal = scaled_normal / length;
+        let corners = [[a, b, c], [b, c, a], [c, a, b]];
+        if self.face != FaceQuadric::Plane {
+            return corners.map(|corners @ [p, x, y]| {
+                self.face.uncertain(corners, normal, self.weight_of(length, [x - p, y - p]), self.weight)
+            });
+        }
         match self.weight {
-            QuadricWeight::Uniform => [Quadric::plane(normal, a, 1.0); 3],
-            QuadricWeight::Area => [Quadric::plane(normal, a, length / 2.0); 3],
-            QuadricWeight::Angle => [[a, b, c], [b, c, a], [c, a, b]]
-                .map(|[p, x, y]| Quadric::plane(normal, p, (x - p).angle_between(y - p))),
+            QuadricWeight::Angle => {
+                corners.map(|[p, x, y]| Quadric::plane(normal, p, self.weight_of(length, [x - p, y - p])))
+            }
+            _ => [Quadric::plane(normal, a, self.weight_of(length, [b - a, c - a])); 3],
         }
     }
 
@@ -344,11 +411,11 @@ impl QuadricOptions {
     ) -> Candidate {
         let (position, squared) = self.place(placing, edge);
         let mut squared = squared.max(0.0);
-        let mut error_sq = mean(squared, placing.weight) + drift_sq;
+        let mut error_sq = self.face.above_floor(mean(squared, placing.weight)) + drift_sq;
         let shortness = SHORTNESS * edge.points[0].distance_squared(edge.points[1]);
         if let Some((all, share)) = summed {
             let remembered = all.at(position).max(0.0);
-            error_sq = error_sq.max(mean(remembered, all.weight));
+            error_sq = error_sq.max(self.face.above_floor(mean(remembered, all.weight)));
             squared += share * remembered;
         }
         let cost = if self.normalized { error_sq + shortness } else { squared + shortness * placing.weight };
@@ -412,7 +479,7 @@ impl QuadricOptions {
 
 /// A sum of squares over its weight.
 #[inline]
-fn mean(squared: f64, weight: f64) -> f64 {
+pub(super) fn mean(squared: f64, weight: f64) -> f64 {
     if weight > 0.0 { squared / weight } else { 0.0 }
 }
 
@@ -434,7 +501,7 @@ pub(super) fn faces_of_star<'a>(
 }
 
 /// Whether a placement is within [`REACH`] of an edge.
-fn is_near(p: DVec3, edge: &EdgeContext) -> bool {
+pub(super) fn is_near(p: DVec3, edge: &EdgeContext) -> bool {
     let [a, b] = edge.points;
     p.distance_squared((a + b) / 2.0) <= REACH * REACH * a.distance_squared(b)
 }
@@ -474,7 +541,7 @@ impl Metric for QuadricMetric {
     }
 
     #[inline]
-    fn evaluate(&self, _: &CollapseMesh, edge: &EdgeContext) -> Option<Candidate> {
+    fn evaluate(&self, _: &CollapseMesh, _: &Features, edge: &EdgeContext) -> Option<Candidate> {
         let sum_of = |quadrics: &[Quadric]| quadrics[edge.ends[0] as usize] + quadrics[edge.ends[1] as usize];
         Some(match self.options.memory {
             QuadricMemory::Summed => self.options.candidate(&sum_of(&self.sums), None, 0.0, edge),

@@ -11,8 +11,15 @@
 //! | `metric`, `quadric` | costs and placements |
 //! | `attributes` | the same with what wedges carry |
 //! | `corners` | which wedge each corner has |
+//! | `lindstrom_turk` | the metric of Lindstrom and Turk |
+//! | `uncertain` | probabilistic quadrics, line quadrics |
+//! | `silhouette` | where contours are likely to be seen |
+//! | `lindstrom_turk` | the metric of Lindstrom and Turk |
+//! | `uncertain` | probabilistic quadrics, line quadrics |
+//! | `silhouette` | where contours are likely to be seen |
 //! | `features` | borders, seams, material borders, locks |
 //! | `legality` | link condition, fold-over, valence, quality |
+//! | `normal_cones` | normals of the original |
 //! | `wedges` | attributes of merged wedges |
 //! | `pairs` | vertices to be joined although no edge does |
 
@@ -21,13 +28,17 @@ mod corners;
 mod driver;
 mod features;
 mod legality;
+mod lindstrom_turk;
 mod metric;
+mod normal_cones;
 mod options;
 mod pairs;
 mod passes;
 mod patience;
 mod quadric;
 mod queue;
+mod silhouette;
+mod uncertain;
 mod wedges;
 
 #[cfg(test)]
@@ -36,6 +47,7 @@ mod tests;
 pub use driver::{Observer, Outcome, Request, collapse_edges};
 pub use features::{Barred, Features};
 pub use legality::{Collapse, Limits, triangle_quality};
+pub use lindstrom_turk::LindstromTurk;
 pub use metric::{
     Anchor, Candidate, EdgeContext, Metric, QuadricMemory, QuadricMetric, QuadricOptions, ShortestEdge, Update,
 };
@@ -44,6 +56,7 @@ pub use options::{
     QuadricWeight, Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, Target, TopologyPolicy,
 };
 pub use quadric::Quadric;
+pub use uncertain::FaceQuadric;
 pub use wedges::WedgeMerger;
 
 use crate::cluster::{ClusterOptions, ClusterReport, cluster_mapped};
@@ -93,14 +106,24 @@ pub fn simplify(
         return clustered.collapse(mesh, options, control);
     }
     let triangles_in = mesh.triangle_count();
-    let (mut work, options) = control.time("sorting", || sorted(mesh, options));
+    let (mut work, mut options) = control.time("sorting", || sorted(mesh, options));
     let frame = Frame::of(&work.positions);
-    let quadric = quadric_options(&options);
+    let quadric = quadric_options(&options, || mean_edge(&frame, &work));
     let mut appearance = quadric.and_then(|quadric| AttributeMetric::new(quadric, &work, &frame, &options));
     let mut surface_metric = quadric.filter(|_| appearance.is_none()).map(QuadricMetric::new);
     let positions = std::mem::take(&mut work.positions);
     let triangles: Vec<[u32; 3]> = work.triangles.iter().map(|t| t.map(|w| work.wedge_vertices[w as usize])).collect();
+    if options.silhouette_weight > 0.0 {
+        let factors = silhouette::factors(&positions, &triangles, options.silhouette_weight);
+        if options.importance.is_empty() {
+            options.importance = factors;
+        } else {
+            options.importance.iter_mut().zip(factors).for_each(|(importance, factor)| *importance *= factor);
+        }
+    }
     let mut wedges = WedgeMerger::new(work, &options);
+    let frame = Frame::of(&positions);
+    let is_bare = wedges.is_idle();
     let mut request = Request {
         order: options.order,
         target_faces: options.target.triangles.unwrap_or(1),
@@ -109,6 +132,7 @@ pub fn simplify(
             // a small part that vanishes looks cheap to planes, and is as far from the rest as it was away: last of all
             parts_may_go: options.topology != TopologyPolicy::Manifold,
             min_normal_cos: options.max_normal_turn.map(f64::cos),
+            max_normal_deviation: options.max_normal_deviation,
             valence: options.valence,
             min_quality: options.min_quality,
             max_error_sq: options.target.max_error.map(|e| (e / frame.unit()).powi(2)),
@@ -142,6 +166,10 @@ pub fn simplify(
     let outcome = control.time("queue", || match (surface_metric, &mut appearance) {
         (Some(mut metric), _) => collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control),
         (None, Some(metric)) => collapse_edges(&mut faces, metric, &mut features, &mut wedges, &request, control),
+        (None, None) if options.metric == MetricKind::LindstromTurk => {
+            let mut metric = LindstromTurk::new(options.placement, options.constraint_weight, is_bare);
+            collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
+        }
         (None, None) => {
             let mut metric = ShortestEdge::new(options.placement);
             collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
@@ -238,11 +266,12 @@ fn parts_of(vertices: usize, triangles: &[[u32; 3]]) -> Vec<u32> {
     parts.into_roots()
 }
 
-/// Whether passes come first: they know neither valence nor quality of triangles nor pairs.
+/// Whether passes come first: they know neither valence nor quality of triangles, original normals nor pairs.
 fn wants_passes(options: &SimplifyOptions) -> bool {
     options.order == Order::Passes
         && options.valence.is_none()
         && options.min_quality.is_none()
+        && options.max_normal_deviation.is_none()
         && options.join_distance.is_none()
 }
 
@@ -262,23 +291,58 @@ fn sorted(mesh: &Mesh, options: &SimplifyOptions) -> (Mesh, SimplifyOptions) {
     (mesh, options)
 }
 
-/// The options of the quadric metrics, `None` for the metric that has no quadrics.
-fn quadric_options(options: &SimplifyOptions) -> Option<QuadricOptions> {
-    let (constrained, memory, normalized) = match options.metric {
-        MetricKind::ShortestEdge => return None,
-        MetricKind::Quadric => (false, QuadricMemory::Summed, false),
-        MetricKind::ConstrainedQuadric => (true, QuadricMemory::Summed, false),
-        MetricKind::MemorylessQuadric => (false, QuadricMemory::Rebuilt, false),
-        MetricKind::ConstrainedMemorylessQuadric => (true, QuadricMemory::Rebuilt, false),
-        MetricKind::HybridQuadric => (true, QuadricMemory::Both, false),
-        MetricKind::NormalizedQuadric => (true, QuadricMemory::Summed, true),
+/// The mean length of the triangles' edges, in the frame.
+fn mean_edge(frame: &Frame, mesh: &Mesh) -> f64 {
+    let perimeter = |t: usize| {
+        let [a, b, c] = mesh.triangle_points(t);
+        (a.distance(b) + b.distance(c) + c.distance(a)) / frame.unit()
     };
+    let triangles = mesh.triangle_count();
+    (0..triangles).map(perimeter).sum::<f64>() / (3 * triangles.max(1)) as f64
+}
+
+/// The weight of features in a metric that knows them, `None` for the others.
+fn constraint_weight(options: &SimplifyOptions) -> Option<f64> {
+    let knows_features = match options.metric {
+        MetricKind::ShortestEdge | MetricKind::Quadric | MetricKind::MemorylessQuadric => false,
+        MetricKind::ConstrainedQuadric
+        | MetricKind::ConstrainedMemorylessQuadric
+        | MetricKind::HybridQuadric
+        | MetricKind::NormalizedQuadric
+        | MetricKind::LindstromTurk
+        | MetricKind::ProbabilisticPlane
+        | MetricKind::ProbabilisticTriangle
+        | MetricKind::LineQuadrics => true,
+    };
+    knows_features.then_some(options.constraint_weight)
+}
+
+/// The options of the quadric metrics, `None` for those that have no quadrics. `edge` is the mean length of an edge.
+fn quadric_options(options: &SimplifyOptions, edge: impl Fn() -> f64) -> Option<QuadricOptions> {
+    let memory = match options.metric {
+        MetricKind::ShortestEdge | MetricKind::LindstromTurk => return None,
+        MetricKind::MemorylessQuadric | MetricKind::ConstrainedMemorylessQuadric => QuadricMemory::Rebuilt,
+        MetricKind::HybridQuadric => QuadricMemory::Both,
+        _ => QuadricMemory::Summed,
+    };
+    let position = |sigma: f64| sigma * edge();
     Some(QuadricOptions {
+        face: match options.metric {
+            MetricKind::ProbabilisticPlane => FaceQuadric::ProbabilisticPlane {
+                position: position(options.position_sigma),
+                normal: options.normal_sigma,
+            },
+            MetricKind::ProbabilisticTriangle => {
+                FaceQuadric::ProbabilisticTriangle { position: position(options.position_sigma) }
+            }
+            _ => FaceQuadric::Plane,
+        },
+        line: if options.metric == MetricKind::LineQuadrics { options.line_weight } else { 0.0 },
         weight: options.quadric_weight,
         placement: options.placement,
-        constraint: constrained.then_some(options.constraint_weight),
-        memory,
-        normalized,
+        constraint: constraint_weight(options),
+        memory: options.memory.unwrap_or(memory),
+        normalized: options.metric == MetricKind::NormalizedQuadric,
     })
 }
 
@@ -291,8 +355,15 @@ fn check_options(mesh: &Mesh, options: &SimplifyOptions) -> Result<(), SimplifyE
     if !options.target.max_error.is_none_or(|e| e >= 0.0) {
         return invalid("max_error", "must not be negative or NaN");
     }
-    if !positive(options.constraint_weight) {
-        return invalid("constraint_weight", "must be finite and not negative");
+    let weights = [
+        ("constraint_weight", options.constraint_weight),
+        ("position_sigma", options.position_sigma),
+        ("normal_sigma", options.normal_sigma),
+        ("line_weight", options.line_weight),
+        ("silhouette_weight", options.silhouette_weight),
+    ];
+    if let Some((name, _)) = weights.into_iter().find(|&(_, weight)| !positive(weight)) {
+        return invalid(name, "must be finite and not negative");
     }
     let factors = options.attributes.named.iter().map(|&(_, factor)| factor);
     if !factors.chain([options.attributes.factor]).all(positive) {
@@ -303,6 +374,9 @@ fn check_options(mesh: &Mesh, options: &SimplifyOptions) -> Result<(), SimplifyE
     }
     if !options.max_normal_turn.is_none_or(|a| (0.0..=std::f64::consts::PI).contains(&a)) {
         return invalid("max_normal_turn", "must be between 0 and pi");
+    }
+    if !options.max_normal_deviation.is_none_or(|a| (0.0..=std::f64::consts::PI).contains(&a)) {
+        return invalid("max_normal_deviation", "must be between 0 and pi");
     }
     if options.valence.is_some_and(|(low, high)| low > high) {
         return invalid("valence", "the lower bound is above the upper one");

@@ -1,5 +1,6 @@
 //! What a caller asks of the simplifier, and what it answers.
 
+use super::metric::QuadricMemory;
 use crate::cluster::ClusterError;
 use crate::control::Cancelled;
 use crate::mesh::Semantic;
@@ -34,11 +35,26 @@ pub enum MetricKind {
     /// [`ConstrainedQuadric`](Self::ConstrainedQuadric) divided by the accumulated weight, a mean squared distance
     /// (seed 002, 6.3).
     NormalizedQuadric,
+    /// Volumes and areas of border as they are now, with a placement by constraints (Lindstrom and Turk 1998 and 1999):
+    /// see [`LindstromTurk`](super::LindstromTurk). [`QuadricWeight`] does not apply: faces count by the square of their
+    /// area.
+    LindstromTurk,
+    /// [`ConstrainedQuadric`](Self::ConstrainedQuadric) with the expected distances from uncertain planes
+    /// (Trettner and Kobbelt 2020): [`position_sigma`](SimplifyOptions::position_sigma) and
+    /// [`normal_sigma`](SimplifyOptions::normal_sigma).
+    ProbabilisticPlane,
+    /// [`ConstrainedQuadric`](Self::ConstrainedQuadric) with the expected distances from triangles with uncertain corners
+    /// (Trettner and Kobbelt 2020): [`position_sigma`](SimplifyOptions::position_sigma).
+    ProbabilisticTriangle,
+    /// [`ConstrainedQuadric`](Self::ConstrainedQuadric) with a share of the distance from the line along each vertex's
+    /// normal, which keeps vertices evenly spread (Liu, Rahimzadeh and Zordan 2025):
+    /// [`line_weight`](SimplifyOptions::line_weight).
+    LineQuadrics,
 }
 
 impl MetricKind {
     /// All metrics with the names the command line gives them.
-    pub const NAMES: [(&'static str, Self); 7] = [
+    pub const NAMES: [(&'static str, Self); 11] = [
         ("sem", Self::ShortestEdge),
         ("qem", Self::Quadric),
         ("qem-constrained", Self::ConstrainedQuadric),
@@ -46,6 +62,10 @@ impl MetricKind {
         ("qem-memoryless-constrained", Self::ConstrainedMemorylessQuadric),
         ("qem-hybrid", Self::HybridQuadric),
         ("qem-normalized", Self::NormalizedQuadric),
+        ("lindstrom-turk", Self::LindstromTurk),
+        ("probabilistic-plane", Self::ProbabilisticPlane),
+        ("probabilistic-triangle", Self::ProbabilisticTriangle),
+        ("line-quadrics", Self::LineQuadrics),
     ];
 
     /// The placement that serves a metric best: the middle of the edge where there is nothing to minimise.
@@ -58,11 +78,12 @@ impl MetricKind {
 }
 
 impl MetricKind {
-    /// With which power of the size of a model the costs grow: areas times squared distances, or squared distances alone.
+    /// With which power of the size of a model the costs grow: squared distances, times areas or squared areas.
     pub fn cost_power(self, weight: QuadricWeight) -> i32 {
         match (self, weight) {
             (Self::ShortestEdge | Self::NormalizedQuadric, _) | (_, QuadricWeight::Uniform | QuadricWeight::Angle) => 2,
-            _ => 4,
+            (Self::LindstromTurk, _) | (_, QuadricWeight::AreaSquared) => 6,
+            (_, QuadricWeight::Area) => 4,
         }
     }
 }
@@ -75,6 +96,9 @@ pub enum QuadricWeight {
     /// By the triangle's area: the quadric of a region does not depend on its tessellation (seed 001, 2.4.3).
     #[default]
     Area,
+    /// By the square of the triangle's area, as in the first paper of Garland and Heckbert and in those of Lindstrom and
+    /// Turk.
+    AreaSquared,
     /// By the triangle's angle at the vertex.
     Angle,
 }
@@ -91,8 +115,8 @@ pub enum Order {
     /// While more than twice the wanted triangles are left (and more than 32,768), in passes: each takes cheap edges all
     /// over the surface that do not touch one another, on all cores. Borders, seams and the rest go the way of
     /// [`Spatial`](Self::Spatial). On a million triangles faster by half on one core, by more on several, at the same
-    /// measured error within 2 %. Limits on valence and triangle quality, pairs to be joined and
-    /// [`MetricKind::ShortestEdge`] rule passes out.
+    /// measured error within 2 %. Limits on valence, triangle quality and deviation of normals, pairs to be joined,
+    /// [`MetricKind::ShortestEdge`] and [`MetricKind::LindstromTurk`] rule passes out.
     #[default]
     Passes,
 }
@@ -233,6 +257,14 @@ pub struct SimplifyOptions {
     pub metric: MetricKind,
     /// How planes are weighted in quadric metrics.
     pub quadric_weight: QuadricWeight,
+    /// What quadrics know of the past; `None`: what the metric is named after.
+    pub memory: Option<QuadricMemory>,
+    /// Standard deviation of positions in the probabilistic metrics, relative to the mean length of an edge.
+    pub position_sigma: f64,
+    /// Standard deviation of unit normals, in each coordinate, in [`MetricKind::ProbabilisticPlane`].
+    pub normal_sigma: f64,
+    /// Weight of the lines in [`MetricKind::LineQuadrics`], relative to the planes.
+    pub line_weight: f64,
     /// Where merged vertices go.
     pub placement: PlacementKind,
     /// What the attributes of wedges count, with quadric metrics.
@@ -254,6 +286,11 @@ pub struct SimplifyOptions {
     pub topology: TopologyPolicy,
     /// Refuse collapses after which a triangle's normal turns by more than this angle, in radians; `None`: allow all.
     pub max_normal_turn: Option<f64>,
+    /// Refuse collapses after which the normal of a triangle deviates by more than this angle, in radians, from that of an
+    /// original triangle that it stands for; `None`: allow all. Other than [`max_normal_turn`](Self::max_normal_turn)
+    /// this adds up over all collapses. A triangle stands for itself, and for those whose gap it has closed
+    /// (normal cones: Cohen et al. 1998).
+    pub max_normal_deviation: Option<f64>,
     /// Refuse collapses that leave a vertex with a valence outside this range (seed 002 uses 4 to 11).
     pub valence: Option<(u32, u32)>,
     /// Refuse collapses that make a triangle both worse than before and worse than this quality
@@ -267,6 +304,10 @@ pub struct SimplifyOptions {
     pub locked: Vec<bool>,
     /// One factor per vertex on the cost of its collapses (0 or more; 1 is neutral). Empty: all 1.
     pub importance: Vec<f32>,
+    /// How much more collapses cost where contours are likely to be seen, relative to a model as curved as a sphere in its
+    /// bounding box (about): costs are multiplied by `1 + weight * diagonal * density`, where the density is the
+    /// length of contour that a unit of the surface shows to a random view. 0: silhouettes do not count.
+    pub silhouette_weight: f64,
     /// Normals of merged wedges.
     pub normals: NormalPolicy,
     /// Most joints that move one wedge; `None`: as many as the attributes have room for.
@@ -284,6 +325,10 @@ impl Default for SimplifyOptions {
             target: Target::default(),
             metric: MetricKind::default(),
             quadric_weight: QuadricWeight::default(),
+            memory: None,
+            position_sigma: 0.01,
+            normal_sigma: 0.01,
+            line_weight: 1e-3,
             placement: PlacementKind::default(),
             attributes: AttributeWeights::default(),
             texture_may_fold: false,
@@ -294,12 +339,14 @@ impl Default for SimplifyOptions {
             constraint_weight: 1.0,
             topology: TopologyPolicy::default(),
             max_normal_turn: Some(75.0_f64.to_radians()),
+            max_normal_deviation: None,
             valence: None,
             min_quality: None,
             join_distance: None,
             join_parts_only: false,
             locked: Vec::new(),
             importance: Vec::new(),
+            silhouette_weight: 0.0,
             normals: NormalPolicy::default(),
             max_influences: None,
             cluster_first: None,
@@ -328,6 +375,8 @@ pub struct Refusals {
     pub topology: u64,
     /// By the fold-over test.
     pub fold_over: u64,
+    /// By the bound on the deviation of normals from the original.
+    pub normal_deviation: u64,
     /// By borders, seams or material borders.
     pub border: u64,
     /// By locked vertices.

@@ -233,6 +233,12 @@ impl Surface {
         metric.sums = vec![Quadric::default(); vertices];
         let options = metric.options;
         let point = |v: u32| self.frame.enter(self.positions[v as usize]);
+        if options.line > 0.0 {
+            let planes =
+                |v: u32| options.planes_at(point(v), self.fans.around(v).iter().map(|face| [face.x, face.y]), point);
+            metric.sums.par_iter_mut().enumerate().for_each(|(v, sum)| *sum = planes(v as u32));
+            return;
+        }
         metric.sums.par_chunks_mut(PIECE).enumerate().for_each(|(i, sums)| {
             let start = (i * PIECE) as u32;
             let place = |v: u32| v.wrapping_sub(start) as usize;
@@ -405,7 +411,7 @@ impl Part<'_> {
 
     fn planes_around(&self, rules: &Rules, v: u32) -> Quadric {
         let point = |v: u32| self.point(rules, v);
-        rules.options.planes(point(v), self.fans.around(v).iter().map(|face| [point(face.x), point(face.y)]))
+        rules.options.planes_at(point(v), self.fans.around(v).iter().map(|face| [face.x, face.y]), point)
     }
 
     /// What an edge costs; infinite if it must not collapse.
@@ -510,7 +516,7 @@ impl Part<'_> {
         let point = |v: u32| frame.enter(self.positions[self.place(v)]);
         let edge = EdgeContext { ends, points: ends.map(point), anchor: Anchor::Free };
         let planes =
-            |p: DVec3, ring: &[RingFace]| options.planes(p, ring.iter().map(|face| [point(face.x), point(face.y)]));
+            |p: DVec3, ring: &[RingFace]| options.planes_at(p, ring.iter().map(|face| [face.x, face.y]), point);
         let rebuilt = || planes(edge.points[0], kept_ring) + planes(edge.points[1], removed_ring);
         let (placing, candidate) = self.candidate(options, &edge, rebuilt);
         if limits.max_error_sq.is_some_and(|most| candidate.error_sq > most) {

@@ -1,6 +1,6 @@
 //! Quadrics: sums of weighted squared distances to planes.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// `Q(p) = p' A p + 2 b' p + c`, the weighted sum of squared distances of p from planes, with the sum of the weights
 /// (Garland and Heckbert 1997; seed 000, 4.1; seed 001, 2.3).
@@ -63,9 +63,49 @@ impl Quadric {
         self.c += factor * offset * offset;
     }
 
+    /// Squared distance to the line through `point` with unit direction `direction`, times `weight`.
+    #[inline]
+    pub fn line(direction: DVec3, point: DVec3, weight: f64) -> Self {
+        let across = DMat3::IDENTITY
+            - DMat3::from_cols(direction * direction.x, direction * direction.y, direction * direction.z);
+        Self::centered(across * weight, DVec3::ZERO, 0.0, point, weight)
+    }
+
+    /// `(p - center)' A (p - center) + 2 b' (p - center) + c` with a symmetric A.
+    #[inline]
+    pub(super) fn centered(a: DMat3, b: DVec3, c: f64, center: DVec3, weight: f64) -> Self {
+        let pulled = a * center;
+        let [x, y, z] = [a.x_axis, a.y_axis, a.z_axis];
+        Self {
+            a: [x.x, x.y, x.z, y.y, y.z, z.z],
+            b: (b - pulled).to_array(),
+            c: c - 2.0 * b.dot(center) + pulled.dot(center),
+            weight,
+        }
+    }
+
+    /// `A d`: how half the gradient changes along d.
+    #[inline]
+    pub(super) fn curvature(&self, d: DVec3) -> DVec3 {
+        let [xx, xy, xz, yy, yz, zz] = self.a;
+        DVec3::new(xx * d.x + xy * d.y + xz * d.z, xy * d.x + yy * d.y + yz * d.z, xz * d.x + yz * d.y + zz * d.z)
+    }
+
+    /// The same form times a factor, with another weight.
+    #[inline]
+    pub(super) fn scaled(self, factor: f64, weight: f64) -> Self {
+        Self { a: self.a.map(|x| x * factor), b: self.b.map(|x| x * factor), c: self.c * factor, weight }
+    }
+
+    /// Sum of the eigenvalues of A.
+    #[inline]
+    pub(super) fn trace(&self) -> f64 {
+        self.a[0] + self.a[3] + self.a[5]
+    }
+
     /// `A p + b`, half the gradient at p.
     #[inline]
-    fn half_gradient(&self, p: DVec3) -> DVec3 {
+    pub(super) fn half_gradient(&self, p: DVec3) -> DVec3 {
         let [xx, xy, xz, yy, yz, zz] = self.a;
         DVec3::new(
             xx * p.x + xy * p.y + xz * p.z + self.b[0],

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use maille::cluster::ClusterMethod;
 use maille::refit::RefitOptions;
 use maille::simplify::{
-    AttributeWeights, EdgePolicy, MetricKind, Order, PlacementKind, Refusals, SimplifyError, SimplifyOptions, Stop,
-    TopologyPolicy,
+    AttributeWeights, EdgePolicy, MetricKind, Order, PlacementKind, QuadricMemory, Refusals, SimplifyError,
+    SimplifyOptions, Stop, TopologyPolicy,
 };
 use maille_io::{Asset, AssetOptions, AssetReport, Budget, ProcessError, WriteOptions, Written, simplify_asset};
 use serde_json::{Value, json};
@@ -115,6 +115,11 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
         simplify.order = order;
     }
     simplify.quadric_weight = args.weights.into();
+    simplify.memory = args.memory.as_deref().and_then(|name| by_name(&QuadricMemory::NAMES, name));
+    simplify.position_sigma = args.position_sigma.unwrap_or(simplify.position_sigma);
+    simplify.normal_sigma = args.normal_sigma.unwrap_or(simplify.normal_sigma);
+    simplify.line_weight = args.line_weight.unwrap_or(simplify.line_weight);
+    simplify.silhouette_weight = args.silhouette_weight;
     for (place, given) in [
         (&mut simplify.boundary, args.boundary),
         (&mut simplify.seams, args.seams),
@@ -129,6 +134,7 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
         simplify.topology = topology;
     }
     simplify.max_normal_turn = args.max_normal_turn.0.map(f64::to_radians);
+    simplify.max_normal_deviation = args.max_normal_deviation.0.map(f64::to_radians);
     simplify.valence = args.valence;
     simplify.min_quality = args.min_quality;
     let near = (args.preset == Preset::Aggressive).then_some(NEAR_PARTS * diagonal);
@@ -278,7 +284,7 @@ impl Done {
         for attribute in &report.attributes {
             let worth = output::distance(attribute.weight, self.diagonal);
             let told = format!("{:.3} at most, as the metric estimates; 1 counts as {worth}", attribute.error);
-            listing.line(&attribute.semantic.to_string(), told);
+            listing.line(attribute.semantic.to_string(), told);
         }
         if let [refit] = report.refits.as_slice() {
             let [before, after] = [refit.rms_before, refit.rms_after].map(|rms| output::distance(rms, self.diagonal));
@@ -325,6 +331,7 @@ impl Done {
         let all = [
             barrier(refused.topology, "for the topology", "--topology free, or --preset aggressive"),
             barrier(refused.fold_over, "for fold-over", "a larger --max-normal-turn, or --preset aggressive"),
+            barrier(refused.normal_deviation, "for the original normals", "a larger --max-normal-deviation"),
             barrier(refused.border, &format!("that would tear {preserved}"), &relaxed),
             barrier(refused.locked, "between locked vertices", &unlocked),
             barrier(refused.valence, "for the valence", "a wider --valence"),
@@ -350,10 +357,11 @@ impl Done {
     }
 }
 
-fn refusals(refused: &Refusals) -> [(String, Value); 7] {
+fn refusals(refused: &Refusals) -> [(String, Value); 8] {
     [
         ("topology", refused.topology),
         ("fold_over", refused.fold_over),
+        ("normal_deviation", refused.normal_deviation),
         ("border", refused.border),
         ("locked", refused.locked),
         ("valence", refused.valence),

@@ -51,7 +51,7 @@ fn the_quadric_is_what_the_faces_say() {
     options.attributes.named.push((Semantic::Normal, 0.3));
     let frame = Frame::of(&mesh.positions);
     let faces = order::faces_of(&mesh);
-    let surface = quadric_options(&options).unwrap();
+    let surface = quadric_options(&options, || 1.0).unwrap();
     let mut metric = AttributeMetric::new(surface, &mesh, &frame, &options).expect("two attributes count");
     metric.prepare(&faces, &Features::default());
     let told = metric.errors();

@@ -4,6 +4,7 @@ mod appearance;
 mod attributes;
 mod constraints;
 mod laws;
+mod metrics;
 mod options;
 mod order;
 mod passes;

@@ -38,7 +38,7 @@ fn by_search<M: Metric>(mesh: &Mesh, mut metric: M, target: usize) -> Recorder {
             let ends = faces.ends(edge);
             let anchor = features.anchor(edge, ends).ok()?;
             let context = EdgeContext { ends, points: ends.map(|v| faces.point(v)), anchor };
-            Some((edge, context, metric.evaluate(&faces, &context)?))
+            Some((edge, context, metric.evaluate(&faces, &features, &context)?))
         });
         let cheapest = candidates.min_by(|a, b| (a.2.cost as f32).total_cmp(&(b.2.cost as f32)).then(a.0.cmp(&b.0)));
         let Some((edge, context, candidate)) = cheapest else { break };
@@ -62,6 +62,7 @@ const NO_LIMITS: Limits = Limits {
     topology: TopologyPolicy::Free,
     parts_may_go: true,
     min_normal_cos: None,
+    max_normal_deviation: None,
     valence: None,
     min_quality: None,
     max_error_sq: None,
@@ -99,6 +100,8 @@ fn quadric_costs_come_in_order() {
     for (name, placement) in PlacementKind::NAMES {
         for normalized in [false, true] {
             let options = QuadricOptions {
+                face: FaceQuadric::Plane,
+                line: 0.0,
                 weight: QuadricWeight::Area,
                 placement,
                 constraint: Some(1.0),

@@ -38,11 +38,13 @@ fn passes_lose_hardly_anything_to_the_exact_order() {
 #[test]
 fn the_number_of_threads_changes_nothing() {
     let mesh = large_torus();
-    let with_threads = |threads| {
+    let with_threads = |threads, metric| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| reduced(&mesh, &in_passes(6_000)).0)
+        pool.install(|| reduced(&mesh, &SimplifyOptions { metric, silhouette_weight: 0.2, ..in_passes(6_000) }).0)
     };
-    assert_eq!(with_threads(1), with_threads(3));
+    for metric in [MetricKind::HybridQuadric, MetricKind::ProbabilisticTriangle, MetricKind::LineQuadrics] {
+        assert!(with_threads(1, metric) == with_threads(3, metric), "{metric:?}");
+    }
 }
 
 #[test]
