@@ -242,7 +242,7 @@ pub fn distances_at_vertices(a: &Mesh, b: &Mesh, control: Control<'_>) -> Result
     Ok(chunks.concat())
 }
 
-fn check(mesh: &Mesh, side: Side) -> Result<(), CompareError> {
+pub(super) fn check(mesh: &Mesh, side: Side) -> Result<(), CompareError> {
     mesh.check().map_err(|error| CompareError::Mesh { side, error })?;
     if mesh.triangles.is_empty() {
         return Err(CompareError::Empty { side });
@@ -265,7 +265,7 @@ fn nearest(searcher: &mut Searcher<'_>, p: DVec3) -> ClosestPoint {
 }
 
 /// Tells of the progress of work done on many threads, and of the wish to stop it.
-struct Watch<'c> {
+pub(super) struct Watch<'c> {
     control: Control<'c>,
     stage: &'static str,
     done: AtomicUsize,
@@ -273,12 +273,12 @@ struct Watch<'c> {
 }
 
 impl<'c> Watch<'c> {
-    fn new(control: Control<'c>, stage: &'static str) -> Self {
+    pub(super) fn new(control: Control<'c>, stage: &'static str) -> Self {
         Self { control, stage, done: AtomicUsize::new(0), turn: Mutex::new(()) }
     }
 
     /// Does a piece of the work, `size` of `total`, unless the whole is cancelled.
-    fn run<T>(&self, size: usize, total: usize, work: impl FnOnce() -> T) -> Result<T, Cancelled> {
+    pub(super) fn run<T>(&self, size: usize, total: usize, work: impl FnOnce() -> T) -> Result<T, Cancelled> {
         if self.control.is_cancelled() {
             return Err(Cancelled);
         }
@@ -290,6 +290,15 @@ impl<'c> Watch<'c> {
             self.control.report(self.stage, self.done.load(Ordering::Relaxed) as f32 / total as f32);
         }
         Ok(result)
+    }
+
+    pub(super) fn is_cancelled(&self) -> bool {
+        self.control.is_cancelled()
+    }
+
+    /// Tells that all is done.
+    pub(super) fn finish(&self) {
+        self.control.report(self.stage, 1.0);
     }
 }
 

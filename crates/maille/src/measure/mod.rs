@@ -1,10 +1,12 @@
 //! How far apart two surfaces are, and how good one is.
 //!
-//! [`compare`] answers the first, [`Figures`] the second; [`Bvh`] and [`SurfaceSampler`] are what they are made of.
+//! [`compare`] answers the first by samples, [`hausdorff`] proves the largest distance, [`Figures`] answers the second; [`Bvh`] and [`SurfaceSampler`] are what they are made of.
 
 mod bvh;
 mod chunks;
 mod compare;
+mod cover;
+mod exact;
 mod figures;
 mod heatmap;
 mod sample;
@@ -14,6 +16,7 @@ pub use bvh::{Bvh, ClosestPoint, Searcher};
 pub use compare::{
     CompareError, CompareOptions, Comparison, Deviation, NormalDeviation, Side, compare, distances_at_vertices,
 };
+pub use exact::{ExactComparison, ExactOptions, ProvenDistance, hausdorff};
 pub use figures::{BAD_ANGLE_DEG, Figures, Quality, area, boundary_length, euler_characteristic, volume};
 pub use heatmap::{heatmap, viridis};
 pub use sample::{SurfaceSample, SurfaceSampler};
