@@ -258,7 +258,8 @@ Attributes are named as `maille info` lists them, or as glTF does (COLOR_0, _IMP
 /// compared as they stand, posed at rest. Distances are in units of the file and in percent of the diagonal of A.
 #[derive(Debug, Args)]
 #[command(after_long_help = "Examples:\n  maille compare original.ply small.ply\n  \
-    maille compare a.glb b.glb --samples 5000000 --json\n  maille compare a.ply b.ply --heatmap error.glb")]
+    maille compare a.glb b.glb --samples 5000000 --json\n  maille compare original.ply small.ply --exact\n  \
+    maille compare a.ply b.ply --heatmap error.glb")]
 pub(crate) struct CompareArgs {
     /// The original.
     pub(crate) a: PathBuf,
@@ -273,6 +274,13 @@ pub(crate) struct CompareArgs {
     /// Looks for the maximum along all edges, too.
     #[arg(long)]
     pub(crate) edges: bool,
+    /// Proves the maximum instead of sampling it: the true one lies between two bounds that are as near each other as
+    /// --tolerance says, and what is told is the upper one.
+    #[arg(long, conflicts_with = "edges")]
+    pub(crate) exact: bool,
+    /// How near the bounds of --exact are to be: units, or a share of the diagonal of A. Default: 0.0001%.
+    #[arg(long, value_name = "D", value_parser = parse_distance, requires = "exact")]
+    pub(crate) tolerance: Option<Distance>,
     /// Writes A coloured by its distance to B, from dark violet (none) to yellow (the most); not as STL, which has no
     /// colours at vertices.
     #[arg(long, value_name = "FILE")]

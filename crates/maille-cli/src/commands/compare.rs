@@ -4,12 +4,13 @@ use std::path::Path;
 
 use maille::Mesh;
 use maille::measure::{
-    CompareError, CompareOptions, Comparison, Deviation, Figures, Side, compare, distances_at_vertices, heatmap,
+    CompareError, CompareOptions, Comparison, Deviation, ExactComparison, ExactOptions, Figures, ProvenDistance, Side,
+    compare, distances_at_vertices, hausdorff, heatmap,
 };
 use maille_io::{Asset, Format, WriteOptions, Written};
 use serde_json::{Value, json};
 
-use crate::args::CompareArgs;
+use crate::args::{CompareArgs, Distance};
 use crate::failure::Failure;
 use crate::output::{self, Listing};
 use crate::session::Session;
@@ -22,14 +23,41 @@ pub(crate) fn run(args: &CompareArgs) -> Result<(), Failure> {
     let (a, b) = (session.read(&args.a)?, session.read(&args.b)?);
     let (a, b) = (a.flattened(), b.flattened());
     let options = CompareOptions { samples: args.samples, seed: args.seed, edges: args.edges };
-    let comparison = compare(&a, &b, &options, session.control()).map_err(|error| refusal(args, &error))?;
+    let mut comparison = compare(&a, &b, &options, session.control()).map_err(|error| refusal(args, &error))?;
     session.checkpoint()?;
+    let exact = match args.exact {
+        true => Some(prove(args, &session, &a, &b, &mut comparison)?),
+        false => None,
+    };
+    let exact = exact.as_ref();
     let drawn = match &args.heatmap {
         Some(path) => Some(write_heatmap(&session, args, &a, &b, path)?),
         None => None,
     };
     let drawn = drawn.as_ref();
-    session.result(|| json(args, &session, &comparison, drawn), || text(args, &comparison, drawn))
+    session.result(|| json(args, &session, &comparison, exact, drawn), || text(args, &comparison, exact, drawn))
+}
+
+/// Puts proven maxima in the place of the sampled ones.
+fn prove(
+    args: &CompareArgs,
+    session: &Session,
+    a: &Mesh,
+    b: &Mesh,
+    comparison: &mut Comparison,
+) -> Result<ExactComparison, Failure> {
+    let mut options = ExactOptions::default();
+    match args.tolerance {
+        Some(Distance::OfDiagonal(share)) => options.tolerance = share,
+        Some(Distance::Units(units)) if comparison.diagonal > 0.0 => options.tolerance = units / comparison.diagonal,
+        _ => {}
+    }
+    let proven = hausdorff(a, b, &options, session.control()).map_err(|error| refusal(args, &error))?;
+    session.checkpoint()?;
+    for (side, proven) in [(&mut comparison.forward, &proven.forward), (&mut comparison.backward, &proven.backward)] {
+        (side.max, side.max_from, side.max_to) = (proven.upper, proven.from, proven.to);
+    }
+    Ok(proven)
 }
 
 /// Refuses a heat map that would have no colours, or that would replace what is compared.
@@ -81,8 +109,14 @@ fn refusal(args: &CompareArgs, error: &CompareError) -> Failure {
     Failure::about(path, format!("{error}{remedy}"))
 }
 
-fn json(args: &CompareArgs, session: &Session, c: &Comparison, drawn: Option<&Drawn>) -> Value {
-    json!({
+fn json(
+    args: &CompareArgs,
+    session: &Session,
+    c: &Comparison,
+    exact: Option<&ExactComparison>,
+    drawn: Option<&Drawn>,
+) -> Value {
+    let mut object = json!({
         "a": args.a.display().to_string(),
         "b": args.b.display().to_string(),
         "mean": c.mean(),
@@ -90,8 +124,8 @@ fn json(args: &CompareArgs, session: &Session, c: &Comparison, drawn: Option<&Dr
         "max": c.max(),
         "diagonal": c.diagonal,
         "normal_deg": c.normal_deg(),
-        "forward": deviation_json(&c.forward),
-        "backward": deviation_json(&c.backward),
+        "forward": deviation_json(&c.forward, exact.map(|exact| &exact.forward)),
+        "backward": deviation_json(&c.backward, exact.map(|exact| &exact.backward)),
         "figures_a": figures_json(&c.a),
         "figures_b": figures_json(&c.b),
         "samples": args.samples,
@@ -100,11 +134,19 @@ fn json(args: &CompareArgs, session: &Session, c: &Comparison, drawn: Option<&Dr
         "heatmap": args.heatmap.as_ref().map(|path| path.display().to_string()),
         "heatmap_max": drawn.map(|drawn| drawn.most),
         "files": drawn.map_or(Vec::new(), |drawn| output::paths(&drawn.written.files)),
-    })
+        "exact": exact.is_some(),
+    });
+    if let Some(exact) = exact {
+        object["max_lower"] = exact.lower().into();
+        object["max_upper"] = exact.upper().into();
+        object["tolerance"] = exact.tolerance.into();
+        object["converged"] = exact.converged().into();
+    }
+    object
 }
 
-fn deviation_json(d: &Deviation) -> Value {
-    json!({
+fn deviation_json(d: &Deviation, proven: Option<&ProvenDistance>) -> Value {
+    let mut object = json!({
         "mean": d.mean,
         "rms": d.rms,
         "max": d.max,
@@ -116,7 +158,14 @@ fn deviation_json(d: &Deviation) -> Value {
         "flipped_share": d.normal.flipped_share,
         "samples": d.samples,
         "extra_points": d.extra_points,
-    })
+    });
+    if let Some(proven) = proven {
+        object["max_lower"] = proven.lower.into();
+        object["max_upper"] = proven.upper.into();
+        object["searches"] = proven.searches.into();
+        object["converged"] = proven.converged.into();
+    }
+    object
 }
 
 fn figures_json(f: &Figures) -> Value {
@@ -139,9 +188,9 @@ fn figures_json(f: &Figures) -> Value {
     })
 }
 
-fn text(args: &CompareArgs, c: &Comparison, drawn: Option<&Drawn>) -> String {
+fn text(args: &CompareArgs, c: &Comparison, exact: Option<&ExactComparison>, drawn: Option<&Drawn>) -> String {
     let mut text = format!("A  {}\nB  {}\n\n", args.a.display(), args.b.display());
-    text += &output::table(&distance_rows(c));
+    text += &output::table(&distance_rows(c, exact.is_some()));
     text.push('\n');
     text += &output::table(&figure_rows(&c.a, &c.b));
     let mut listing = Listing::default();
@@ -149,13 +198,18 @@ fn text(args: &CompareArgs, c: &Comparison, drawn: Option<&Drawn>) -> String {
     listing.line("diagonal of A", output::number(c.diagonal));
     let points = output::count(c.forward.samples);
     listing.line("sampling", format!("{points} points on each surface and all vertices, seed {}", args.seed));
+    if let Some(exact) = exact {
+        let width = output::distance(exact.upper() - exact.lower(), c.diagonal);
+        let short = if exact.converged() { "" } else { ", wider than asked for: too many pieces were left" };
+        listing.line("proof", format!("the maximum is at most what is told, and at least that less {width}{short}"));
+    }
     if let Some(Drawn { most, written }) = drawn {
         listing.line("heat map", format!("{}, yellow from {}", output::written(&written.files), output::number(*most)));
     }
     text + &listing.text()
 }
 
-fn distance_rows(c: &Comparison) -> Vec<Vec<String>> {
+fn distance_rows(c: &Comparison, proven: bool) -> Vec<Vec<String>> {
     let row = |name: &str, symmetric: f64, pick: fn(&Deviation) -> f64| {
         let percent = match c.diagonal > 0.0 {
             true => format!("{}%", output::number(100.0 * c.relative(symmetric))),
@@ -171,7 +225,7 @@ fn distance_rows(c: &Comparison) -> Vec<Vec<String>> {
         header,
         row("mean", c.mean(), |d| d.mean),
         row("RMS", c.rms(), |d| d.rms),
-        row("maximum", c.max(), |d| d.max),
+        row(if proven { "maximum, proven" } else { "maximum" }, c.max(), |d| d.max),
         vec![
             "normals, mean".to_owned(),
             degrees(c.normal_deg()),

@@ -37,30 +37,65 @@ impl Polygon {
         Some(())
     }
 
-    /// Cuts along the line where `side` is zero: what is on its positive side (and on it), and what is on the negative.
-    /// Either is empty if all is on the other side. `None` when a polygon gets too many corners.
-    fn cut(&self, side: impl Fn(DVec2) -> f64) -> Option<[Self; 2]> {
-        let mut parts = [Self::EMPTY; 2];
-        let values = self.points.map(side);
-        let (low, high) =
-            values[..self.len].iter().fold((f64::MAX, f64::MIN), |(low, high), &x| (low.min(x), high.max(x)));
+    fn is_beside(&self, line: &Line) -> bool {
+        self.points().iter().all(|&p| line.side(p) < 0.0)
+    }
+
+    /// Cuts along a line: what is on its positive side, and on it, stays; what is on the negative one goes to `beyond`, if
+    /// that is wanted. `None` when a polygon gets too many corners.
+    fn cut(&mut self, line: &Line, mut beyond: Option<&mut Self>) -> Option<()> {
+        let mut values = [0.0; CORNERS];
+        let (mut low, mut high) = (f64::MAX, f64::MIN);
+        for (value, &p) in values.iter_mut().zip(&self.points[..self.len]) {
+            *value = line.side(p);
+            (low, high) = (low.min(*value), high.max(*value));
+        }
+        if let Some(beyond) = &mut beyond {
+            beyond.len = 0;
+        }
         if low >= 0.0 {
-            return Some([*self, Self::EMPTY]);
+            return Some(());
         }
         if high < 0.0 {
-            return Some([Self::EMPTY, *self]);
+            if let Some(beyond) = beyond {
+                *beyond = *self;
+            }
+            self.len = 0;
+            return Some(());
         }
-        for i in 0..self.len {
-            let next = (i + 1) % self.len;
+        let (points, len) = (self.points, self.len);
+        self.len = 0;
+        for i in 0..len {
+            let next = if i + 1 == len { 0 } else { i + 1 };
             let (here, there) = (values[i], values[next]);
-            parts[usize::from(here < 0.0)].push(self.points[i])?;
+            if here >= 0.0 {
+                self.push(points[i])?;
+            } else if let Some(beyond) = &mut beyond {
+                beyond.push(points[i])?;
+            }
             if (here < 0.0) != (there < 0.0) {
-                let cut = self.points[i].lerp(self.points[next], here / (here - there));
-                parts[0].push(cut)?;
-                parts[1].push(cut)?;
+                let cut = points[i].lerp(points[next], here / (here - there));
+                self.push(cut)?;
+                if let Some(beyond) = &mut beyond {
+                    beyond.push(cut)?;
+                }
             }
         }
-        Some(parts)
+        Some(())
+    }
+}
+
+/// A line in the plane: points on its left are on its positive side.
+#[derive(Debug, Clone, Copy)]
+struct Line {
+    /// Unit normal, to the left.
+    normal: DVec2,
+    offset: f64,
+}
+
+impl Line {
+    fn side(&self, p: DVec2) -> f64 {
+        self.normal.dot(p) + self.offset
     }
 }
 
@@ -109,20 +144,23 @@ pub(super) fn covered(
         if area < 0.0 {
             shadow.swap(1, 2);
         }
-        let sides = [0, 1, 2].map(|k| {
-            let (from, edge) = (shadow[k], shadow[(k + 1) % 3] - shadow[k]);
-            (from, edge / edge.length())
-        });
-        if area == 0.0 || sides.iter().any(|(_, direction)| !direction.is_finite()) {
+        let directions = [0, 1, 2].map(|k| (shadow[(k + 1) % 3] - shadow[k]).normalize_or_zero());
+        if area == 0.0 || directions.contains(&DVec2::ZERO) {
             continue;
         }
         // so that the region grows by no more than the margin at its sharpest corner, too
-        let half_sine = |k: usize| ((1.0 + sides[k].1.dot(sides[(k + 1) % 3].1)) * 0.5).max(0.0).sqrt();
+        let half_sine = |k: usize| ((1.0 + directions[k].dot(directions[(k + 1) % 3])) * 0.5).max(0.0).sqrt();
         let margin = margin * half_sine(0).min(half_sine(1)).min(half_sine(2));
-        let inside = |(from, direction): (DVec2, DVec2)| move |p: DVec2| direction.perp_dot(p - from) + margin;
+        let lines = [0, 1, 2].map(|k| {
+            let normal = directions[k].perp();
+            Line { normal, offset: margin - normal.dot(shadow[k]) }
+        });
+        if lines.iter().any(|line| whole.is_beside(line)) {
+            continue;
+        }
         let mut over = whole;
-        for side in sides {
-            [over, _] = over.cut(inside(side))?;
+        for line in &lines {
+            over.cut(line, None)?;
         }
         let distance = |&p: &DVec2| distance_above(lifted(p), other);
         let farthest = over.points().iter().map(distance).fold(0.0, f64::max);
@@ -132,15 +170,17 @@ pub(super) fn covered(
         bound = bound.max(farthest);
         next.clear();
         for polygon in now.iter() {
-            let mut polygon = *polygon;
-            for side in sides {
-                let [within, beyond] = polygon.cut(inside(side))?;
+            // whole where it is beside the triangle: cutting it would only make more of it
+            if lines.iter().any(|line| polygon.is_beside(line)) {
+                next.push(*polygon);
+                continue;
+            }
+            let mut rest = *polygon;
+            for line in &lines {
+                let mut beyond = Polygon::EMPTY;
+                rest.cut(line, Some(&mut beyond))?;
                 if beyond.len > 0 {
                     next.push(beyond);
-                }
-                polygon = within;
-                if polygon.len == 0 {
-                    break;
                 }
             }
         }
