@@ -167,10 +167,14 @@ pub(crate) struct SimplifyArgs {
         help_heading = "Target")]
     pub(crate) ratio: Option<f64>,
     /// Stop before the error would exceed this distance: in model units, or as a share of the diagonal of the
-    /// bounding box (0.1%). The error is the metric's estimate; `maille compare` measures.
+    /// bounding box (0.1%). The error is the metric's estimate; --certify proves it.
     #[arg(long, value_name = "E", group = "target", value_parser = parse_distance,
         allow_hyphen_values = true, help_heading = "Target")]
     pub(crate) max_error: Option<Distance>,
+    /// Proves that no point of the result is farther from the original than --max-error, nor any of the original from the
+    /// result. Several simplifications and proofs, so some ten times the time.
+    #[arg(long, requires = "max_error", help_heading = "Target")]
+    pub(crate) certify: bool,
 
     /// A bundle of metric and placement; the options below override its parts.
     #[arg(long, value_enum, default_value_t = Preset::Balanced, help_heading = "Method")]
@@ -220,6 +224,10 @@ pub(crate) struct SimplifyArgs {
     /// Refuse collapses that make a triangle worse than before and than this quality (1: equilateral, 0: needle).
     #[arg(long, value_name = "Q", value_parser = parse_unit, help_heading = "Constraints")]
     pub(crate) min_quality: Option<f64>,
+    /// Refuse collapses after which the surface would pass through itself. Takes two to four times as long; --refit, which
+    /// does not know of it, is left out.
+    #[arg(long, help_heading = "Constraints", conflicts_with = "refit")]
+    pub(crate) no_self_intersections: bool,
     /// Also join vertices without an edge between them that are closer than this: units, or a share of the diagonal.
     #[arg(long, value_name = "D", value_parser = parse_distance, help_heading = "Constraints")]
     pub(crate) join_distance: Option<Distance>,
@@ -247,6 +255,7 @@ Examples:
   maille simplify statue.ply -o small.ply --ratio 10%
   maille simplify character.glb -o lod1.glb --triangles 5000 --json
   maille simplify terrain.obj -o out.obj --max-error 0.1% --boundary lock
+  maille simplify scan.ply -o within.ply --max-error 0.2% --certify
   maille simplify painted.ply -o out.ply --ratio 0.05 --importance COLOR_0
 
 Attributes are named as `maille info` lists them, or as glTF does (COLOR_0, _IMPORTANCE).";

@@ -64,11 +64,19 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
     simplify.max_normal_turn = args.max_normal_turn.0.map(f64::to_radians);
     simplify.valence = args.valence;
     simplify.min_quality = args.min_quality;
+    simplify.no_self_intersections = args.no_self_intersections;
     simplify.join_distance = args.join_distance.map(|distance| distance.in_units(diagonal));
     simplify.normals = args.normals.into();
     simplify.max_influences = args.max_influences;
-    let refit = args.refit.unwrap_or(args.preset == Preset::Best).then(RefitOptions::default);
-    AssetOptions { simplify, importance: args.importance.clone(), lock: args.lock.clone(), refit }
+    let refit =
+        args.refit.unwrap_or(args.preset == Preset::Best && !args.no_self_intersections).then(RefitOptions::default);
+    AssetOptions {
+        simplify,
+        importance: args.importance.clone(),
+        lock: args.lock.clone(),
+        refit,
+        certify: args.certify,
+    }
 }
 
 /// The bundle of options that a preset stands for.
@@ -145,6 +153,8 @@ impl Done {
             "peak_bytes": system::peak_bytes(),
             "stopped": stop_name(report.stopped),
             "error": report.error,
+            "max_error_proven": report.max_error_proven,
+            "max_error_found": report.max_error_found,
             "diagonal": self.diagonal,
             "collapses": report.collapses,
             "refit": refits,
@@ -165,6 +175,12 @@ impl Done {
         listing.line("time", output::seconds(self.seconds));
         listing.line("stopped", explanation(report.stopped));
         listing.line("error", format!("{}, as the metric estimates", output::distance(report.error, self.diagonal)));
+        if let (Some(proven), Some(found)) = (report.max_error_proven, report.max_error_found) {
+            let distance = output::distance(proven, self.diagonal);
+            listing.line("proven", format!("no point of either surface is farther from the other than {distance}"));
+            listing
+                .line("farthest", format!("{}, as far as the proof has seen", output::distance(found, self.diagonal)));
+        }
         if let [refit] = report.refits.as_slice() {
             let [before, after] = [refit.rms_before, refit.rms_after].map(|rms| output::distance(rms, self.diagonal));
             listing.line("fitted", format!("root mean square distance {before} -> {after}"));
@@ -199,6 +215,7 @@ impl Done {
             barrier(refused.locked, "between locked vertices", &unlocked),
             barrier(refused.valence, "for the valence", "a wider --valence"),
             barrier(refused.quality, "for the quality of triangles", "a lower --min-quality"),
+            barrier(refused.self_intersections, "for self-intersections", "without --no-self-intersections"),
         ];
         let mut found: Vec<Barrier> = all.into_iter().filter(|barrier| barrier.refused > 0).collect();
         found.sort_by_key(|barrier| Reverse(barrier.refused));
@@ -219,7 +236,7 @@ impl Done {
     }
 }
 
-fn refusals(refused: &Refusals) -> [(String, Value); 6] {
+fn refusals(refused: &Refusals) -> [(String, Value); 7] {
     [
         ("topology", refused.topology),
         ("fold_over", refused.fold_over),
@@ -227,6 +244,7 @@ fn refusals(refused: &Refusals) -> [(String, Value); 6] {
         ("locked", refused.locked),
         ("valence", refused.valence),
         ("quality", refused.quality),
+        ("self_intersections", refused.self_intersections),
     ]
     .map(|(name, n)| (name.to_owned(), n.into()))
 }

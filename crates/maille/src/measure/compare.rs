@@ -265,7 +265,7 @@ fn nearest(searcher: &mut Searcher<'_>, p: DVec3) -> ClosestPoint {
 }
 
 /// Tells of the progress of work done on many threads, and of the wish to stop it.
-pub(super) struct Watch<'c> {
+pub(crate) struct Watch<'c> {
     control: Control<'c>,
     stage: &'static str,
     done: AtomicUsize,
@@ -273,7 +273,7 @@ pub(super) struct Watch<'c> {
 }
 
 impl<'c> Watch<'c> {
-    pub(super) fn new(control: Control<'c>, stage: &'static str) -> Self {
+    pub(crate) fn new(control: Control<'c>, stage: &'static str) -> Self {
         Self { control, stage, done: AtomicUsize::new(0), turn: Mutex::new(()) }
     }
 

@@ -135,7 +135,8 @@ pub fn hausdorff(
     let tolerance = (options.tolerance * diagonal).max(8.0 * rounding);
     let one_way = |from: &Ground<'_>, to: &Ground<'_>, stage| {
         let goal = Goal::Width(tolerance);
-        Proof { from, to, goal, rounding, queue: options.queue, gather: false }.run(&Watch::new(control, stage))
+        Proof { from, to, goal, rounding, queue: options.queue, gather: false, enough: usize::MAX }
+            .run(&Watch::new(control, stage))
     };
     let forward = one_way(&ground_a, &ground_b, "proving from A to B")?.distance;
     let backward = one_way(&ground_b, &ground_a, "proving from B to A")?.distance;
@@ -212,6 +213,9 @@ pub(crate) struct Shown {
     pub(crate) distance: ProvenDistance,
     /// Where it is too far; empty for [`Goal::Width`].
     pub(crate) spots: Vec<Spot>,
+    /// The triangle nearest to each vertex, `u32::MAX` for vertices that no triangle uses; empty unless failures are
+    /// gathered.
+    pub(crate) nearest: Vec<u32>,
 }
 
 /// A proof that goes over one surface and searches in the other.
@@ -224,6 +228,8 @@ pub(crate) struct Proof<'g, 'm> {
     pub(crate) queue: usize,
     /// Whether all triangles that are too far are wanted, or any.
     pub(crate) gather: bool,
+    /// When whole triangles and their corners have shown that so many are too far, no more are looked for within triangles.
+    pub(crate) enough: usize,
 }
 
 /// A triangle that is part of one of the surface.
@@ -342,9 +348,15 @@ impl Proof<'_, '_> {
                 add(part.pieces, &mut queue);
             }
         }
+        let name = |&(place, _): &(u32, f64)| match place {
+            u32::MAX => place,
+            _ => self.to.bvh.triangle_at(place),
+        };
+        let names = if self.gather { nearest.iter().map(name).collect() } else { Vec::new() };
         drop(nearest);
         let mut seen = 0;
-        while self.goes_on(&all) {
+        let enough = all.spots.len() > self.enough;
+        while self.goes_on(&all) && !enough {
             for spot in &all.spots[seen..] {
                 if let Some(failed) = failed.get_mut(spot.from as usize) {
                     *failed = true;
@@ -386,10 +398,10 @@ impl Proof<'_, '_> {
             }
         }
         watch.finish();
-        Ok(self.shown(all, given_up, &queue))
+        Ok(self.shown(all, given_up, &queue, names))
     }
 
-    fn shown(&self, all: Found, given_up: f64, queue: &BinaryHeap<Waiting>) -> Shown {
+    fn shown(&self, all: Found, given_up: f64, queue: &BinaryHeap<Waiting>, nearest: Vec<u32>) -> Shown {
         let (found, from) = all.farthest.expect("there are vertices");
         let waiting = queue.peek().map_or(0.0, |waiting| waiting.piece.upper);
         // where it is too far, not all has been looked at
@@ -409,7 +421,7 @@ impl Proof<'_, '_> {
             searches: all.searches,
             converged,
         };
-        Shown { distance, spots: all.spots }
+        Shown { distance, spots: all.spots, nearest }
     }
 
     /// A piece whose upper bound is not above this needs no further look.
@@ -448,7 +460,7 @@ impl Proof<'_, '_> {
             })
         });
         let mut all = Found::default();
-        let mut nearest = vec![(0, 0.0); self.from.mesh.vertex_count()];
+        let mut nearest = vec![(u32::MAX, 0.0); self.from.mesh.vertex_count()];
         let mut order = vertices.iter();
         for part in parts {
             let (mut found, distances) = part?;
@@ -806,7 +818,7 @@ mod tests {
         let (from, to) = (Ground::new(a), Ground::new(b));
         let rounding = rounding(&[a, b]);
         let goal = Goal::Within { most, doubt: (1e-4 * most).max(8.0 * rounding) };
-        let proof = Proof { from: &from, to: &to, goal, rounding, queue: 1 << 20, gather };
+        let proof = Proof { from: &from, to: &to, goal, rounding, queue: 1 << 20, gather, enough: usize::MAX };
         proof.run(&Watch::new(Control::default(), "")).expect("nobody cancels")
     }
 

@@ -6,13 +6,14 @@ mod bvh;
 mod chunks;
 mod compare;
 mod cover;
-mod exact;
+pub(crate) mod exact;
 mod figures;
 mod heatmap;
 mod sample;
 mod triangle;
 
 pub use bvh::{Bvh, ClosestPoint, Searcher};
+pub(crate) use compare::Watch;
 pub use compare::{
     CompareError, CompareOptions, Comparison, Deviation, NormalDeviation, Side, compare, distances_at_vertices,
 };

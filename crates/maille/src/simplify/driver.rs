@@ -2,8 +2,9 @@
 
 use rayon::prelude::*;
 
+use super::crossings::Crossings;
 use super::features::{Barred, Features};
-use super::legality::{Collapse, Limits, landing};
+use super::legality::{Collapse, Limits, landing, strictest};
 use super::metric::{Anchor, Candidate, EdgeContext, Metric, Update};
 use super::options::{Order, Refusals, Stop, TopologyPolicy};
 use super::patience::Patience;
@@ -56,6 +57,8 @@ pub struct Request<'a> {
     pub limits: Limits,
     /// One factor per vertex on costs; empty: all 1.
     pub importance: &'a [f32],
+    /// One factor per vertex on errors before they are compared with the largest; empty: all 1.
+    pub strictness: &'a [f32],
 }
 
 /// Collapses edges of `mesh`, cheapest first, until the request is met or nothing is left to collapse.
@@ -77,10 +80,12 @@ pub fn collapse_edges<M: Metric, O: Observer>(
     let mut run = Loop {
         marks: Marks::new(mesh.vertex_count()),
         importance: request.importance.to_vec(),
+        strictness: request.strictness.to_vec(),
         order: request.order,
         outcome: Outcome { collapses: 0, error: 0.0, stopped: Stop::Exhausted, refused: Refusals::default() },
         over_error: false,
         patience: Patience::new(mesh),
+        crossings: request.limits.no_self_intersections.then(|| Crossings::new(mesh)),
         mesh,
         metric,
         features,
@@ -144,6 +149,7 @@ struct Loop<'a, M, O> {
     limits: Limits,
     target_faces: usize,
     importance: Vec<f32>,
+    strictness: Vec<f32>,
     order: Order,
     marks: Marks,
     outcome: Outcome,
@@ -151,6 +157,8 @@ struct Loop<'a, M, O> {
     over_error: bool,
     /// Used up, edges at vertices of very many faces are not looked at.
     patience: Patience,
+    /// Where faces lie, if the surface must not pass through itself.
+    crossings: Option<Crossings>,
     kept_ring: Vec<RingFace>,
     removed_ring: Vec<RingFace>,
     effect: CollapseEffect,
@@ -245,7 +253,8 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         if has_risen(candidate.cost, stored_cost) {
             return queue.set(edge, candidate.cost);
         }
-        if self.limits.max_error_sq.is_some_and(|most| candidate.error_sq > most) {
+        let [a, b] = self.mesh.ends(edge).map(|v| self.strictness.get(v as usize).copied());
+        if self.limits.exceeds(candidate.error_sq, strictest(a, b)) {
             self.over_error = true;
             return queue.remove(edge);
         }
@@ -310,15 +319,26 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
             self.outcome.refused.locked += 1;
             return false;
         }
+        if test && self.crossings.as_mut().is_some_and(|crossings| crossings.would_cross(self.mesh, &collapse)) {
+            self.outcome.refused.self_intersections += 1;
+            return false;
+        }
         self.observer.on_collapse(&collapse);
         self.outcome.collapses += 1;
         self.outcome.error = self.outcome.error.max(error);
         self.mesh.collapse(&star, position, &mut self.marks, &mut self.effect);
+        if let Some(crossings) = &mut self.crossings {
+            crossings.update(self.mesh, self.kept_ring.iter().chain(&self.removed_ring).map(|face| face.face));
+        }
         self.features.commit(kept, removed, &self.effect);
         self.metric.commit(self.mesh, kept, removed, &self.effect.neighbors, self.features);
         if !self.importance.is_empty() {
             let merged = self.importance[kept as usize].max(self.importance[removed as usize]);
             self.importance[kept as usize] = merged;
+        }
+        if !self.strictness.is_empty() {
+            let merged = self.strictness[kept as usize].max(self.strictness[removed as usize]);
+            self.strictness[kept as usize] = merged;
         }
         true
     }

@@ -11,9 +11,11 @@
 //! | `metric`, `quadric` | costs and placements |
 //! | `features` | borders, seams, material borders, locks |
 //! | `legality` | link condition, fold-over, valence, quality |
+//! | `crossings` | collapses after which the surface would pass through itself |
 //! | `wedges` | attributes of merged wedges |
 //! | `pairs` | vertices to be joined although no edge does |
 
+mod crossings;
 mod driver;
 mod features;
 mod legality;
@@ -97,14 +99,16 @@ pub fn simplify(
             min_normal_cos: options.max_normal_turn.map(f64::cos),
             valence: options.valence,
             min_quality: options.min_quality,
+            no_self_intersections: options.no_self_intersections,
             max_error_sq: options.target.max_error.map(|e| (e / frame.unit()).powi(2)),
         },
         importance: &options.importance,
+        strictness: &options.strictness,
     };
     let close = options.join_distance.map(|distance| pairs::close_pairs(&positions, distance));
     let mut metric = quadric_options(&options).map(QuadricMetric::new);
     let mut done = Done::default();
-    let importance;
+    let (importance, strictness);
     let mut faces = match &mut metric {
         Some(metric) if wants_passes(&options) => {
             let mut surface = Surface::new(frame, positions, &triangles, &wedges, &options);
@@ -112,8 +116,8 @@ pub fn simplify(
             let observer = if wedges.is_idle() { None } else { Some(&mut wedges) };
             done = collapse_in_passes(&mut surface, metric, observer, &request, control)?;
             let faces;
-            (faces, importance) = surface.into_collapse_mesh(triangles_in);
-            request.importance = &importance;
+            (faces, importance, strictness) = surface.into_collapse_mesh(triangles_in);
+            (request.importance, request.strictness) = (&importance, &strictness);
             faces
         }
         _ => CollapseMesh::in_frame(frame, positions, triangles.into_iter()),
@@ -143,12 +147,13 @@ pub fn simplify(
     })
 }
 
-/// Whether passes come first: they know neither valence nor quality of triangles nor pairs.
+/// Whether passes come first: they know neither valence nor quality of triangles nor pairs nor what lies near.
 fn wants_passes(options: &SimplifyOptions) -> bool {
     options.order == Order::Passes
         && options.valence.is_none()
         && options.min_quality.is_none()
         && options.join_distance.is_none()
+        && !options.no_self_intersections
 }
 
 /// A copy of the mesh in spatial order, and the options with their lists in the same order.
@@ -160,6 +165,9 @@ fn sorted(mesh: &Mesh, options: &SimplifyOptions) -> (Mesh, SimplifyOptions) {
     let order = mesh.sort_spatially();
     if !options.locked.is_empty() {
         options.locked = order.iter().map(|&v| options.locked[v as usize]).collect();
+    }
+    if !options.strictness.is_empty() {
+        options.strictness = order.iter().map(|&v| options.strictness[v as usize]).collect();
     }
     if !options.importance.is_empty() {
         options.importance = order.iter().map(|&v| options.importance[v as usize]).collect();
@@ -214,12 +222,19 @@ fn check_options(mesh: &Mesh, options: &SimplifyOptions) -> Result<(), SimplifyE
     if options.max_influences == Some(0) {
         return invalid("max_influences", "at least one joint must move a wedge");
     }
-    let per_vertex = [("locked", options.locked.len()), ("importance", options.importance.len())];
+    let per_vertex = [
+        ("locked", options.locked.len()),
+        ("importance", options.importance.len()),
+        ("strictness", options.strictness.len()),
+    ];
     if let Some((name, _)) = per_vertex.into_iter().find(|&(_, n)| n != 0 && n != mesh.vertex_count()) {
         return invalid(name, "needs one entry per vertex, or none at all");
     }
     if !options.importance.iter().all(|&x| positive(f64::from(x))) {
         return invalid("importance", "must be finite and not negative");
+    }
+    if !options.strictness.iter().all(|&x| x >= 0.0) {
+        return invalid("strictness", "must not be negative or NaN");
     }
     let broken = |p: &[f32; 3]| !p.iter().all(|x| x.is_finite());
     match mesh.positions.iter().position(broken) {

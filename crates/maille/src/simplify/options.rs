@@ -71,7 +71,7 @@ pub enum Order {
     /// While more than twice the wanted triangles are left (and more than 32,768), in passes: each takes cheap edges all
     /// over the surface that do not touch one another, on all cores. Borders, seams and the rest go the way of
     /// [`Spatial`](Self::Spatial). On a million triangles faster by half on one core, by more on several, at the same
-    /// measured error within 2 %. Limits on valence and triangle quality, pairs to be joined and
+    /// measured error within 2 %. Limits on valence, triangle quality and self-intersections, pairs to be joined and
     /// [`MetricKind::ShortestEdge`] rule passes out.
     #[default]
     Passes,
@@ -186,12 +186,20 @@ pub struct SimplifyOptions {
     /// Refuse collapses that make a triangle both worse than before and worse than this quality
     /// (4 sqrt 3 area / sum of squared edges: 1 for an equilateral triangle, 0 for a needle).
     pub min_quality: Option<f64>,
+    /// Refuse collapses whose new triangles would meet other triangles, or each other, beyond the vertices and edges that
+    /// they share. A mesh that does not pass through itself then never does; where it does already, what lies there may stay
+    /// as it is. What is too near to tell counts as meeting. Rules passes out; takes two to four times the time of the
+    /// order [`Spatial`](Order::Spatial), and 6 bytes per triangle.
+    pub no_self_intersections: bool,
     /// Also join vertex pairs without an edge that are closer than this distance, in model units.
     pub join_distance: Option<f64>,
     /// One entry per vertex: vertices that must stay. Empty: none.
     pub locked: Vec<bool>,
     /// One factor per vertex on the cost of its collapses (0 or more; 1 is neutral). Empty: all 1.
     pub importance: Vec<f32>,
+    /// One factor per vertex on the errors of its collapses before they are compared with `target.max_error` (0 or more; 1
+    /// is neutral, more is stricter, infinite allows none). Costs, and so the order, do not change. Empty: all 1.
+    pub strictness: Vec<f32>,
     /// Normals of merged wedges.
     pub normals: NormalPolicy,
     /// Most joints that move one wedge; `None`: as many as the attributes have room for.
@@ -214,9 +222,11 @@ impl Default for SimplifyOptions {
             max_normal_turn: Some(75.0_f64.to_radians()),
             valence: None,
             min_quality: None,
+            no_self_intersections: false,
             join_distance: None,
             locked: Vec::new(),
             importance: Vec::new(),
+            strictness: Vec::new(),
             normals: NormalPolicy::default(),
             max_influences: None,
         }
@@ -252,6 +262,8 @@ pub struct Refusals {
     pub valence: u64,
     /// By the quality of triangles.
     pub quality: u64,
+    /// Because the surface would have passed through itself.
+    pub self_intersections: u64,
 }
 
 /// What the simplifier did.
