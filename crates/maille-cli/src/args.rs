@@ -188,10 +188,14 @@ pub(crate) struct SimplifyArgs {
         help_heading = "Target")]
     pub(crate) ratio: Option<f64>,
     /// Stop before the error would exceed this distance: in model units, or as a share of the diagonal of the
-    /// bounding box (0.1%). The error is the metric's estimate; `maille compare` measures.
+    /// bounding box (0.1%). The error is the metric's estimate; --certify proves it.
     #[arg(long, value_name = "E", group = "target", value_parser = parse_distance,
         allow_hyphen_values = true, help_heading = "Target")]
     pub(crate) max_error: Option<Distance>,
+    /// Proves that no point of the result is farther from the original than --max-error, nor any of the original from the
+    /// result. Several simplifications and proofs, so some ten times the time.
+    #[arg(long, requires = "max_error", help_heading = "Target")]
+    pub(crate) certify: bool,
 
     /// How the triangles are shared out over the meshes of a file. error: so that the next collapse would cost the same in
     /// all of them; proportional: to each the same share of its own.
@@ -276,6 +280,10 @@ pub(crate) struct SimplifyArgs {
     /// Refuse collapses that make a triangle worse than before and than this quality (1: equilateral, 0: needle).
     #[arg(long, value_name = "Q", value_parser = parse_unit, help_heading = "Constraints")]
     pub(crate) min_quality: Option<f64>,
+    /// Refuse collapses after which the surface would pass through itself. Takes two to four times as long; --refit, which
+    /// does not know of it, is left out.
+    #[arg(long, help_heading = "Constraints", conflicts_with = "refit")]
+    pub(crate) no_self_intersections: bool,
     /// Also join vertices without an edge between them that are closer than this: units, or a share of the diagonal.
     #[arg(long, value_name = "D", value_parser = parse_distance, help_heading = "Constraints")]
     pub(crate) join_distance: Option<Distance>,
@@ -339,6 +347,7 @@ Examples:
   maille simplify statue.ply -o small.ply --ratio 10%
   maille simplify character.glb -o lod1.glb --triangles 5000 --json
   maille simplify terrain.obj -o out.obj --max-error 0.1% --boundary lock
+  maille simplify scan.ply -o within.ply --max-error 0.2% --certify
   maille simplify painted.ply -o out.ply --ratio 0.05 --importance COLOR_0
   maille simplify huge.ply -o preview.ply --triangles 100000 --preset fastest
   maille simplify huge.ply -o out.ply --triangles 100000 --cluster-first 8
@@ -353,7 +362,8 @@ Attributes are named as `maille info` lists them, or as glTF does (COLOR_0, _IMP
 /// compared as they stand, posed at rest. Distances are in units of the file and in percent of the diagonal of A.
 #[derive(Debug, Args)]
 #[command(after_long_help = "Examples:\n  maille compare original.ply small.ply\n  \
-    maille compare a.glb b.glb --samples 5000000 --json\n  maille compare a.ply b.ply --heatmap error.glb")]
+    maille compare a.glb b.glb --samples 5000000 --json\n  maille compare original.ply small.ply --exact\n  \
+    maille compare a.ply b.ply --heatmap error.glb")]
 pub(crate) struct CompareArgs {
     /// The original.
     pub(crate) a: PathBuf,
@@ -368,6 +378,13 @@ pub(crate) struct CompareArgs {
     /// Looks for the maximum along all edges, too.
     #[arg(long)]
     pub(crate) edges: bool,
+    /// Proves the maximum instead of sampling it: the true one lies between two bounds that are as near each other as
+    /// --tolerance says, and what is told is the upper one.
+    #[arg(long, conflicts_with = "edges")]
+    pub(crate) exact: bool,
+    /// How near the bounds of --exact are to be: units, or a share of the diagonal of A. Default: 0.0001%.
+    #[arg(long, value_name = "D", value_parser = parse_distance, requires = "exact")]
+    pub(crate) tolerance: Option<Distance>,
     /// Writes A coloured by its distance to B, from dark violet (none) to yellow (the most); not as STL, which has no
     /// colours at vertices.
     #[arg(long, value_name = "FILE")]

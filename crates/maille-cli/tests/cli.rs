@@ -146,6 +146,71 @@ fn compare_keeps_the_contract() {
 }
 
 #[test]
+fn an_exact_comparison_proves_the_maximum() {
+    let folder = with_sphere("a.ply");
+    folder.done(&["simplify", "a.ply", "-o", "b.ply", "--ratio", "0.1"]);
+    let number = |value: &serde_json::Value| value.as_f64().unwrap_or(f64::NAN);
+    let sampled = folder.json(&["compare", "a.ply", "b.ply", "--samples", "20000"]);
+    assert_eq!(sampled["exact"], false);
+    let exact = folder.json(&["compare", "a.ply", "b.ply", "--samples", "20000", "--exact"]);
+    assert_eq!((&exact["exact"], &exact["converged"]), (&true.into(), &true.into()));
+    assert_eq!((&exact["mean"], &exact["rms"]), (&sampled["mean"], &sampled["rms"]));
+    assert_eq!(exact["max"], exact["max_upper"]);
+    for key in ["forward", "backward"] {
+        let (side, found) = (&exact[key], &sampled[key]);
+        assert!(number(&side["max"]) >= number(&found["max"]), "{key}");
+        assert!(number(&side["max_lower"]) >= 0.9 * number(&found["max"]), "{key}");
+        assert_eq!(side["max"], side["max_upper"]);
+    }
+    assert!((number(&exact["tolerance"]) / number(&exact["diagonal"]) - 1e-6).abs() < 1e-9);
+    assert!(number(&exact["max_upper"]) - number(&exact["max_lower"]) <= number(&exact["tolerance"]));
+    let wide = folder.json(&["compare", "a.ply", "b.ply", "--samples", "9", "--exact", "--tolerance", "0.01"]);
+    assert!((number(&wide["tolerance"]) - 0.01).abs() < 1e-12);
+    assert!(number(&wide["max_lower"]) <= number(&exact["max_upper"]));
+    let text = folder.done(&["compare", "a.ply", "b.ply", "--samples", "9", "--exact"]).stdout;
+    assert!(text.contains("maximum, proven") && text.contains("proof"), "{text}");
+    assert_eq!(folder.run(&["compare", "a.ply", "b.ply", "--tolerance", "1%"]).code, 2);
+}
+
+#[test]
+fn a_certified_error_holds_when_it_is_measured() {
+    let folder = Folder::new();
+    folder.done(&["sample", "statue", "-o", "a.ply", "--triangles", "20000"]);
+    let number = |value: &serde_json::Value| value.as_f64().unwrap_or(f64::NAN);
+    for more in [&[][..], &["--refit"], &["--triangles", "15000"]] {
+        let line = [&["simplify", "a.ply", "-o", "b.ply", "--max-error", "0.2%", "--certify"], more].concat();
+        let report = folder.json(&line);
+        let most = 0.002 * number(&report["diagonal"]);
+        let proven = number(&report["max_error_proven"]);
+        assert!(proven > 0.0 && proven <= most, "{report}");
+        assert_eq!(report["refit"].as_array().map_or(0, Vec::len), usize::from(more.contains(&"--refit")));
+        let exact = folder.json(&["compare", "a.ply", "b.ply", "--samples", "1000", "--exact"]);
+        assert!(number(&exact["max_lower"]) <= proven && number(&exact["max_upper"]) <= 1.0001 * most, "{exact}");
+        if more.contains(&"--triangles") {
+            assert_eq!((&report["triangles_out"], &report["stopped"]), (&15000.into(), &"triangles".into()));
+        } else {
+            assert!(number(&exact["max_upper"]) > 0.8 * most && number(&report["triangles_out"]) < 10000.0);
+        }
+    }
+    let text = folder.done(&["simplify", "a.ply", "-o", "b.ply", "--max-error", "1%", "--certify"]).stdout;
+    assert!(text.contains("proven") && text.contains("no point of either surface is farther"), "{text}");
+    let plain = folder.json(&["simplify", "a.ply", "-o", "b.ply", "--max-error", "1%"]);
+    assert!(plain["max_error_proven"].is_null());
+    assert_eq!(folder.run(&["simplify", "a.ply", "-o", "b.ply", "--ratio", "0.5", "--certify"]).code, 2);
+}
+
+#[test]
+fn self_intersections_can_be_ruled_out() {
+    let folder = with_sphere("a.ply");
+    let line = ["simplify", "a.ply", "-o", "b.ply", "--ratio", "0.1", "--no-self-intersections"];
+    let report = folder.json(&line);
+    assert!(report["triangles_out"] == 204 && report["refused"]["self_intersections"].is_u64(), "{report}");
+    let best = folder.json(&[&line[..], &["--preset", "best"]].concat());
+    assert_eq!(best["refit"].as_array().map(Vec::len), Some(0));
+    assert_eq!(folder.run(&[&line[..], &["--refit"]].concat()).code, 2);
+}
+
+#[test]
 fn threads_do_not_change_what_is_written() {
     let folder = with_sphere("a.glb");
     for threads in ["1", "2"] {

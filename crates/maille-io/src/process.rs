@@ -3,7 +3,9 @@
 use std::sync::Mutex;
 
 use glam::{DMat3, DMat4};
+use maille::certified::{CertifiedOptions, simplify_certified_with};
 use maille::cluster::{ClusterMethod, ClusterOptions, cluster};
+use maille::control::Cancelled;
 use maille::measure::area;
 use maille::mesh::WeldOptions;
 use maille::refit::{RefitOptions, RefitReport};
@@ -62,6 +64,9 @@ pub struct AssetOptions {
     /// Whether and how the vertices that are left are fitted to the original in the end. `fixed` must be empty: what is
     /// locked stays.
     pub refit: Option<RefitOptions>,
+    /// Whether the largest distance between each mesh and what becomes of it is proven to be within
+    /// `simplify.target.max_error`, which must be given then: see [`maille::certified`]. Takes several times as long.
+    pub certify: bool,
 }
 
 /// What simplifying an [`Asset`] did.
@@ -86,6 +91,11 @@ pub struct AssetReport {
     /// What fitting to the original did to each distinct mesh that has triangles, in world units, in their order; empty if
     /// it was not asked for.
     pub refits: Vec<RefitReport>,
+    /// If that was asked for: no point of any mesh or of what has become of it is farther from the other than this, in world
+    /// units. Of meshes moved by joints, as far as the root of how much the area of the mesh grows in its pose tells.
+    pub max_error_proven: Option<f64>,
+    /// The largest distance that the proof came across, in world units.
+    pub max_error_found: Option<f64>,
 }
 
 /// Why an asset could not be simplified.
@@ -110,6 +120,9 @@ pub enum ProcessError {
         /// The attributes there are.
         known: String,
     },
+    /// What is to be proven is not told.
+    #[error("there is no largest error to be proven")]
+    NothingToProve,
     /// The asset holds no triangles.
     #[error("there are no triangles to simplify")]
     NoTriangles,
@@ -136,6 +149,9 @@ pub fn simplify_asset(
     if before.iter().sum::<usize>() == 0 {
         return Err(ProcessError::NoTriangles);
     }
+    if options.certify && options.simplify.target.max_error.is_none() {
+        return Err(ProcessError::NothingToProve);
+    }
     let weighted = options.attribute_weights.iter().map(|(name, _)| name);
     for name in options.importance.iter().chain(&options.lock).chain(weighted) {
         require_attribute(asset, name)?;
@@ -149,8 +165,12 @@ pub fn simplify_asset(
     let draws = asset.draws();
     let total = options.simplify.target.triangles;
     let has_several = before.iter().filter(|&&triangles| triangles > 0).count() > 1;
-    let by_error = options.budget == Budget::Error && options.cluster.is_none() && has_several && total.is_some();
-    let originals: Vec<Mesh> = if options.refit.is_some() || by_error {
+    let by_error = options.budget == Budget::Error
+        && options.cluster.is_none()
+        && has_several
+        && total.is_some()
+        && !options.certify;
+    let originals: Vec<Mesh> = if options.refit.is_some() || options.certify || by_error {
         asset.meshes.iter().map(|named| named.mesh.clone()).collect()
     } else {
         Vec::new()
@@ -168,7 +188,10 @@ pub fn simplify_asset(
             target,
             scale,
             draws: draws[index],
+            original: originals.get(index),
             report: None,
+            proven: None,
+            refit: None,
         })
         .collect();
     if let Some(total) = total.filter(|_| by_error) {
@@ -178,13 +201,10 @@ pub fn simplify_asset(
     if let Some(total) = total {
         settle(&mut jobs, total, options, control)?;
     }
-    let refits = match &options.refit {
-        Some(refit) => {
-            jobs.iter_mut().map(|job| job.refit(&originals, refit, options, control)).collect::<Result<_, _>>()?
-        }
-        None => Vec::new(),
-    };
-    Ok(AssetReport { refits, ..summary(jobs, &before, &draws, total) })
+    if let Some(refit) = options.refit.as_ref().filter(|_| !options.certify) {
+        jobs.iter_mut().try_for_each(|job| job.refit_result(refit, options, control))?;
+    }
+    Ok(summary(jobs, &before, &draws, total))
 }
 
 /// The float attribute of a mesh that a name means, of wedges or vertices: the name that the mesh itself uses
@@ -298,7 +318,12 @@ struct Job<'a> {
     scale: f64,
     /// How often the mesh counts in the total.
     draws: usize,
+    /// The mesh as it was, where that is needed.
+    original: Option<&'a Mesh>,
     report: Option<SimplifyReport>,
+    /// The largest distance from the original that is proven, and that was found, in units of the mesh.
+    proven: Option<[f64; 2]>,
+    refit: Option<RefitReport>,
 }
 
 /// Simplifies each mesh to its share by size, to see how its costs rise, and sets the targets so that the next collapse
@@ -411,14 +436,19 @@ fn settle(
             })
             .collect();
         run(&mut asked, options, control)?;
-        let reports: Vec<_> = asked.into_iter().map(|job| job.report).collect();
-        willing.into_iter().zip(reports).for_each(|(job, report)| job.report = report);
+        let results: Vec<_> = asked.into_iter().map(|job| (job.report, job.proven, job.refit)).collect();
+        for (job, result) in willing.into_iter().zip(results) {
+            (job.report, job.proven, job.refit) = result;
+        }
     }
     Ok(())
 }
 
 impl Job<'_> {
     fn run(&mut self, options: &AssetOptions, control: Control<'_>) -> Result<(), SimplifyError> {
+        if let (true, true, Some(original)) = (options.certify, self.report.is_some(), self.original) {
+            self.mesh.clone_from(original); // what is proven counts from there
+        }
         let mut own = options.simplify.clone();
         own.target.triangles = options.simplify.target.triangles.map(|_| self.target);
         own.target.max_error = options.simplify.target.max_error.map(|error| error / self.scale);
@@ -432,6 +462,9 @@ impl Job<'_> {
             }
         }
         own.locked = self.locked(options);
+        if options.certify {
+            return self.run_certified(own, options, control);
+        }
         let report = match options.cluster {
             None => simplify(self.mesh, &own, control)?,
             Some(method) => clustered(self.mesh, method, own, control)?,
@@ -464,47 +497,44 @@ impl Job<'_> {
         Curve(curve)
     }
 
-    /// The vertices that the attribute of locks names; empty if there is none.
-    fn locked(&self, options: &AssetOptions) -> Vec<bool> {
-        let attribute = options.lock.as_deref().and_then(|name| find_attribute(self.mesh, name));
-        let locks = attribute.map(|attribute| per_vertex(self.mesh, attribute, |value| value[0]));
-        locks.unwrap_or_default().iter().map(|&x| x > 0.5).collect()
+    /// Simplifies with a proof, each trial fitted to the original where that is wanted.
+    fn run_certified(
+        &mut self,
+        simplify: SimplifyOptions,
+        options: &AssetOptions,
+        control: Control<'_>,
+    ) -> Result<(), SimplifyError> {
+        let fit = |original: &Mesh, mesh: &mut Mesh| match &options.refit {
+            Some(refit) => Ok(Some(fit(mesh, original, refit, options, control)?)),
+            None => Ok(None),
+        };
+        let done = simplify_certified_with(self.mesh, &CertifiedOptions::new(simplify), fit, control)?;
+        self.report = Some(done.simplify);
+        self.proven = Some([done.proven, done.found]);
+        self.refit = done.finished.flatten();
+        Ok(())
     }
 
-    /// Fits the mesh to what it was; vertices of features that are locked stay.
-    fn refit(
+    /// The vertices that the attribute of locks names; empty if there is none.
+    fn locked(&self, options: &AssetOptions) -> Vec<bool> {
+        locked(self.mesh, options)
+    }
+
+    /// Fits the result to what it was.
+    fn refit_result(
         &mut self,
-        originals: &[Mesh],
         refit: &RefitOptions,
         options: &AssetOptions,
         control: Control<'_>,
-    ) -> Result<RefitReport, ProcessError> {
-        let mut fixed = self.locked(options);
-        fixed.resize(self.mesh.vertex_count(), false);
-        let lock_seams = options.simplify.seams == EdgePolicy::Lock;
-        let lock_materials = options.simplify.material_borders == EdgePolicy::Lock;
-        // what the first corner at each vertex has
-        let mut first = vec![None; fixed.len()];
-        for (t, wedges) in self.mesh.triangles.iter().enumerate() {
-            for (&wedge, v) in wedges.iter().zip(self.mesh.triangle_vertices(t)) {
-                let own = (wedge, self.mesh.triangle_material(t));
-                let other = *first[v as usize].get_or_insert(own);
-                fixed[v as usize] |= lock_seams && other.0 != own.0 || lock_materials && other.1 != own.1;
-            }
-        }
-        let own = RefitOptions { fixed, ..refit.clone() };
-        let done = control.time("fitting", || maille::refit::refit(self.mesh, &originals[self.index], &own, control));
-        let done = done.map_err(|cancelled| ProcessError::Mesh {
+    ) -> Result<(), ProcessError> {
+        let original = self.original.expect("kept where results are fitted");
+        let done = fit(self.mesh, original, refit, options, control).map_err(|cancelled| ProcessError::Mesh {
             index: self.index,
             name: self.name.to_owned(),
             error: cancelled.into(),
         })?;
-        Ok(RefitReport {
-            rms_before: done.rms_before * self.scale,
-            rms_after: done.rms_after * self.scale,
-            max_before: done.max_before * self.scale,
-            max_after: done.max_after * self.scale,
-        })
+        self.refit = Some(done);
+        Ok(())
     }
 
     fn can_give(&self) -> bool {
@@ -534,6 +564,37 @@ fn clustered(
         stopped,
         ..untouched()
     })
+}
+
+fn locked(mesh: &Mesh, options: &AssetOptions) -> Vec<bool> {
+    let attribute = options.lock.as_deref().and_then(|name| find_attribute(mesh, name));
+    let locks = attribute.map(|attribute| per_vertex(mesh, attribute, |value| value[0]));
+    locks.unwrap_or_default().iter().map(|&x| x > 0.5).collect()
+}
+
+/// Fits a mesh to what it was; vertices of features that are locked stay.
+fn fit(
+    mesh: &mut Mesh,
+    original: &Mesh,
+    refit: &RefitOptions,
+    options: &AssetOptions,
+    control: Control<'_>,
+) -> Result<RefitReport, Cancelled> {
+    let mut fixed = locked(mesh, options);
+    fixed.resize(mesh.vertex_count(), false);
+    let lock_seams = options.simplify.seams == EdgePolicy::Lock;
+    let lock_materials = options.simplify.material_borders == EdgePolicy::Lock;
+    // what the first corner at each vertex has
+    let mut first = vec![None; fixed.len()];
+    for (t, wedges) in mesh.triangles.iter().enumerate() {
+        for (&wedge, v) in wedges.iter().zip(mesh.triangle_vertices(t)) {
+            let own = (wedge, mesh.triangle_material(t));
+            let other = *first[v as usize].get_or_insert(own);
+            fixed[v as usize] |= lock_seams && other.0 != own.0 || lock_materials && other.1 != own.1;
+        }
+    }
+    let own = RefitOptions { fixed, ..refit.clone() };
+    control.time("fitting", || maille::refit::refit(mesh, original, &own, control))
 }
 
 fn importance_of(mesh: &Mesh, attribute: &Attribute) -> Vec<f32> {
@@ -610,6 +671,7 @@ fn sum(a: Refusals, b: Refusals) -> Refusals {
         valence: a.valence + b.valence,
         quality: a.quality + b.quality,
         texture: a.texture + b.texture,
+        self_intersections: a.self_intersections + b.self_intersections,
     }
 }
 
@@ -617,7 +679,20 @@ fn summary(jobs: Vec<Job<'_>>, before: &[usize], draws: &[usize], total: Option<
     let mut meshes: Vec<SimplifyReport> = before.iter().map(|_| untouched()).collect();
     let mut error = 0.0_f64;
     let mut attributes: Vec<AttributeError> = Vec::new();
+    let mut refits = Vec::new();
+    let mut proven: Option<[f64; 2]> = None;
     for job in jobs {
+        let scaled = |done: RefitReport| RefitReport {
+            rms_before: done.rms_before * job.scale,
+            rms_after: done.rms_after * job.scale,
+            max_before: done.max_before * job.scale,
+            max_after: done.max_after * job.scale,
+        };
+        refits.extend(job.refit.map(scaled));
+        if let Some(own) = job.proven {
+            let [bound, found] = proven.unwrap_or_default();
+            proven = Some([bound.max(own[0] * job.scale), found.max(own[1] * job.scale)]);
+        }
         let report = job.report.expect("every job has run");
         error = error.max(report.error * job.scale);
         for own in &report.attributes {
@@ -646,7 +721,9 @@ fn summary(jobs: Vec<Job<'_>>, before: &[usize], draws: &[usize], total: Option<
         attributes,
         stopped,
         refused: meshes.iter().fold(Refusals::default(), |all, report| sum(all, report.refused)),
-        refits: Vec::new(),
+        refits,
+        max_error_proven: proven.map(|[bound, _]| bound),
+        max_error_found: proven.map(|[_, found]| found),
         meshes,
     }
 }
@@ -678,6 +755,33 @@ mod tests {
         assert_eq!(share_out(1000, &[10, 20]), [10, 20]);
         assert_eq!(share_out(100, &[10_000, 12, 2]), [94, 4, 2]);
         assert_eq!(share_out(0, &[5, 5]), [0, 0]);
+    }
+
+    #[test]
+    fn each_mesh_of_an_asset_is_proven_in_world_units() {
+        use maille::measure::{ExactOptions, hausdorff};
+        let mut asset = Asset::from_mesh("near", maille::mesh::shapes::sphere(5));
+        let far = Asset::from_mesh("far", maille::mesh::shapes::torus(3.0, 1.0, 60, 30));
+        asset.meshes.extend(far.meshes);
+        asset.instances.extend(far.instances.into_iter().map(|instance| Instance { mesh: 1, ..instance }));
+        asset.instances[1].transform = DMat4::from_scale(DVec3::splat(4.0));
+        let originals: Vec<Mesh> = asset.meshes.iter().map(|named| named.mesh.clone()).collect();
+        let mut options =
+            AssetOptions { certify: true, refit: Some(RefitOptions::default()), ..AssetOptions::default() };
+        assert!(matches!(simplify_asset(&mut asset, &options, Control::default()), Err(ProcessError::NothingToProve)));
+        options.simplify.target.max_error = Some(0.02);
+        for triangles in [None, Some(3000)] {
+            options.simplify.target.triangles = triangles;
+            (asset.meshes.iter_mut().zip(&originals)).for_each(|(named, original)| named.mesh = original.clone());
+            let report = simplify_asset(&mut asset, &options, Control::default()).expect("the options make sense");
+            let proven = report.max_error_proven.expect("it was asked for");
+            assert!(proven > 0.0 && proven <= 0.02 && report.refits.len() == 2, "{report:?}");
+            for ((named, original), scale) in asset.meshes.iter().zip(&originals).zip([1.0, 4.0]) {
+                let exact = hausdorff(original, &named.mesh, &ExactOptions::default(), Control::default());
+                let exact = exact.expect("both are sound");
+                assert!(exact.lower() * scale <= proven, "{} beside {proven}", exact.lower() * scale);
+            }
+        }
     }
 
     proptest! {

@@ -2,11 +2,12 @@
 //!
 //! A [`Mesh`] is what files and GPUs want: positions, triangles over wedges, named attributes. From it one builds
 //! working structures ([`topology`]), finds and mends what is wrong with it ([`mod@repair`]), simplifies by edge collapse
-//! ([`simplify`](mod@simplify)), and measures how far two surfaces are apart ([`measure`]). Everything here is pure
+//! ([`simplify`](mod@simplify); [`certified`] with a proven bound), and measures how far two surfaces are apart ([`measure`]). Everything here is pure
 //! computation: no files (see the crate `maille-io`), no GPU, no printing.
 //!
 //! Start with [`Mesh`], then [`simplify()`](simplify::simplify) and [`measure::compare`].
 
+pub mod certified;
 pub mod cluster;
 pub mod control;
 pub mod measure;

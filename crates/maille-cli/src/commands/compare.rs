@@ -4,13 +4,14 @@ use std::path::Path;
 
 use maille::Mesh;
 use maille::measure::{
-    CompareError, CompareOptions, Comparison, Deviation, Figures, Side, compare, distances_at_vertices, heatmap,
+    CompareError, CompareOptions, Comparison, Deviation, ExactComparison, ExactOptions, Figures, Side, compare,
+    distances_at_vertices, hausdorff, heatmap,
 };
 use maille_io::{Asset, Format, WriteOptions, Written};
 use serde_json::{Map, Value};
 
 use super::report::comparison_json;
-use crate::args::CompareArgs;
+use crate::args::{CompareArgs, Distance};
 use crate::failure::Failure;
 use crate::output::{self, Listing};
 use crate::session::Session;
@@ -23,14 +24,41 @@ pub(crate) fn run(args: &CompareArgs) -> Result<(), Failure> {
     let (a, b) = (session.read(&args.a)?, session.read(&args.b)?);
     let (a, b) = (a.flattened(), b.flattened());
     let options = CompareOptions { samples: args.samples, seed: args.seed, edges: args.edges };
-    let comparison = compare(&a, &b, &options, session.control()).map_err(|error| refusal(args, &error))?;
+    let mut comparison = compare(&a, &b, &options, session.control()).map_err(|error| refusal(args, &error))?;
     session.checkpoint()?;
+    let exact = match args.exact {
+        true => Some(prove(args, &session, &a, &b, &mut comparison)?),
+        false => None,
+    };
+    let exact = exact.as_ref();
     let drawn = match &args.heatmap {
         Some(path) => Some(write_heatmap(&session, args, &a, &b, path)?),
         None => None,
     };
     let drawn = drawn.as_ref();
-    session.result(|| json(args, &session, &comparison, drawn), || text(args, &comparison, drawn))
+    session.result(|| json(args, &session, &comparison, exact, drawn), || text(args, &comparison, exact, drawn))
+}
+
+/// Puts proven maxima in the place of the sampled ones.
+fn prove(
+    args: &CompareArgs,
+    session: &Session,
+    a: &Mesh,
+    b: &Mesh,
+    comparison: &mut Comparison,
+) -> Result<ExactComparison, Failure> {
+    let mut options = ExactOptions::default();
+    match args.tolerance {
+        Some(Distance::OfDiagonal(share)) => options.tolerance = share,
+        Some(Distance::Units(units)) if comparison.diagonal > 0.0 => options.tolerance = units / comparison.diagonal,
+        _ => {}
+    }
+    let proven = hausdorff(a, b, &options, session.control()).map_err(|error| refusal(args, &error))?;
+    session.checkpoint()?;
+    for (side, proven) in [(&mut comparison.forward, &proven.forward), (&mut comparison.backward, &proven.backward)] {
+        (side.max, side.max_from, side.max_to) = (proven.upper, proven.from, proven.to);
+    }
+    Ok(proven)
 }
 
 /// Refuses a heat map that would have no colours, or that would replace what is compared.
@@ -82,7 +110,13 @@ fn refusal(args: &CompareArgs, error: &CompareError) -> Failure {
     Failure::about(path, format!("{error}{remedy}"))
 }
 
-fn json(args: &CompareArgs, session: &Session, c: &Comparison, drawn: Option<&Drawn>) -> Value {
+fn json(
+    args: &CompareArgs,
+    session: &Session,
+    c: &Comparison,
+    exact: Option<&ExactComparison>,
+    drawn: Option<&Drawn>,
+) -> Value {
     let mut object = Map::new();
     object.insert("a".to_owned(), args.a.display().to_string().into());
     object.insert("b".to_owned(), args.b.display().to_string().into());
@@ -93,12 +127,25 @@ fn json(args: &CompareArgs, session: &Session, c: &Comparison, drawn: Option<&Dr
     object.insert("heatmap".to_owned(), args.heatmap.as_ref().map(|path| path.display().to_string()).into());
     object.insert("heatmap_max".to_owned(), drawn.map(|drawn| drawn.most).into());
     object.insert("files".to_owned(), drawn.map_or(Vec::new(), |drawn| output::paths(&drawn.written.files)).into());
+    object.insert("exact".to_owned(), exact.is_some().into());
+    if let Some(exact) = exact {
+        object.insert("max_lower".to_owned(), exact.lower().into());
+        object.insert("max_upper".to_owned(), exact.upper().into());
+        object.insert("tolerance".to_owned(), exact.tolerance.into());
+        object.insert("converged".to_owned(), exact.converged().into());
+        for (way, proven) in [("forward", &exact.forward), ("backward", &exact.backward)] {
+            object[way]["max_lower"] = proven.lower.into();
+            object[way]["max_upper"] = proven.upper.into();
+            object[way]["searches"] = proven.searches.into();
+            object[way]["converged"] = proven.converged.into();
+        }
+    }
     Value::Object(object)
 }
 
-fn text(args: &CompareArgs, c: &Comparison, drawn: Option<&Drawn>) -> String {
+fn text(args: &CompareArgs, c: &Comparison, exact: Option<&ExactComparison>, drawn: Option<&Drawn>) -> String {
     let mut text = format!("A  {}\nB  {}\n\n", args.a.display(), args.b.display());
-    text += &output::table(&distance_rows(c));
+    text += &output::table(&distance_rows(c, exact.is_some()));
     text.push('\n');
     text += &output::table(&figure_rows(&c.a, &c.b));
     let mut listing = Listing::default();
@@ -106,13 +153,18 @@ fn text(args: &CompareArgs, c: &Comparison, drawn: Option<&Drawn>) -> String {
     listing.line("diagonal of A", output::number(c.diagonal));
     let points = output::count(c.forward.samples);
     listing.line("sampling", format!("{points} points on each surface and all vertices, seed {}", args.seed));
+    if let Some(exact) = exact {
+        let width = output::distance(exact.upper() - exact.lower(), c.diagonal);
+        let short = if exact.converged() { "" } else { ", wider than asked for: too many pieces were left" };
+        listing.line("proof", format!("the maximum is at most what is told, and at least that less {width}{short}"));
+    }
     if let Some(Drawn { most, written }) = drawn {
         listing.line("heat map", format!("{}, yellow from {}", output::written(&written.files), output::number(*most)));
     }
     text + &listing.text()
 }
 
-fn distance_rows(c: &Comparison) -> Vec<Vec<String>> {
+fn distance_rows(c: &Comparison, proven: bool) -> Vec<Vec<String>> {
     let row = |name: &str, symmetric: f64, pick: fn(&Deviation) -> f64| {
         let percent = match c.diagonal > 0.0 {
             true => format!("{}%", output::number(100.0 * c.relative(symmetric))),
@@ -128,7 +180,7 @@ fn distance_rows(c: &Comparison) -> Vec<Vec<String>> {
         header,
         row("mean", c.mean(), |d| d.mean),
         row("RMS", c.rms(), |d| d.rms),
-        row("maximum", c.max(), |d| d.max),
+        row(if proven { "maximum, proven" } else { "maximum" }, c.max(), |d| d.max),
         vec![
             "normals, mean".to_owned(),
             degrees(c.normal_deg()),

@@ -130,7 +130,61 @@ impl<'m> Bvh<'m> {
         closest_on_triangle(p, self.corners(slot))
     }
 
-    fn corners(&self, slot: u32) -> [DVec3; 3] {
+    /// The triangle in a place of the order of the leaves.
+    pub(super) fn triangle_at(&self, slot: u32) -> u32 {
+        self.slots[slot as usize].triangle
+    }
+
+    /// Gathers the places (in the order of the leaves) of the triangles whose boxes meet the given one and that are
+    /// wanted; false, and not all of them, when those are more than `most`, or many times as many have to be looked at.
+    pub(super) fn gather(
+        &self,
+        [low, high]: [DVec3; 2],
+        is_wanted: impl Fn([DVec3; 3]) -> bool,
+        most: usize,
+        places: &mut Vec<u32>,
+    ) -> bool {
+        let mut patience = 16 * most;
+        places.clear();
+        if self.slots.is_empty() {
+            return true;
+        }
+        let query = Query::of_box(low, high, &self.frame);
+        let mut stack = Vec::with_capacity(64);
+        stack.push(0);
+        while let Some(id) = stack.pop() {
+            let node = &self.nodes[id as usize];
+            let met = query.meets(node);
+            for (lane, _) in met.iter().enumerate().filter(|(_, met)| **met) {
+                let (count, link) = (node.count[lane], node.link[lane]);
+                if count == EMPTY {
+                    continue;
+                }
+                if count == 0 {
+                    stack.push(id + link);
+                    continue;
+                }
+                for slot in link..link + u32::from(count) {
+                    let [a, b, c] = self.corners(slot);
+                    let (least, greatest) = (a.min(b).min(c), a.max(b).max(c));
+                    if least.cmple(high).all() && greatest.cmpge(low).all() && is_wanted([a, b, c]) {
+                        if places.len() == most {
+                            return false;
+                        }
+                        places.push(slot);
+                    }
+                }
+                patience = patience.saturating_sub(count.into());
+                if patience == 0 {
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
+    /// Corners of the triangle in a place of the order of the leaves.
+    pub(super) fn corners(&self, slot: u32) -> [DVec3; 3] {
         self.slots[slot as usize].vertices.map(|v| glam::Vec3::from(self.positions[v as usize]).as_dvec3())
     }
 }
@@ -158,6 +212,26 @@ struct Pending {
 impl Searcher<'_> {
     /// The point of the surface nearest to `p`, `None` if the mesh has no triangles or `p` is not finite.
     pub fn closest(&mut self, p: DVec3) -> Option<ClosestPoint> {
+        let (barycentric, distance_sq) = self.search(p)?;
+        let point = super::triangle::at(self.bvh.corners(self.last), barycentric);
+        let triangle = self.bvh.slots[self.last as usize].triangle;
+        Some(ClosestPoint { triangle, barycentric, point, distance_sq })
+    }
+
+    /// The place (in the order of the leaves) of the triangle nearest to `p` and its squared distance, with the triangle
+    /// in another place as the first guess.
+    pub(super) fn closest_place(&mut self, p: DVec3, guess: u32) -> Option<(u32, f64)> {
+        self.last = guess;
+        let (_, distance_sq) = self.search(p)?;
+        Some((self.last, distance_sq))
+    }
+
+    /// The place found last, in the order of the leaves.
+    pub(super) fn last_place(&self) -> u32 {
+        self.last
+    }
+
+    fn search(&mut self, p: DVec3) -> Option<OnTriangle> {
         if self.bvh.slots.is_empty() || !p.is_finite() {
             return None;
         }
@@ -182,10 +256,7 @@ impl Searcher<'_> {
                 }
             }
         }
-        let (barycentric, distance_sq) = best;
-        let point = super::triangle::at(self.bvh.corners(self.last), barycentric);
-        let triangle = self.bvh.slots[self.last as usize].triangle;
-        Some(ClosestPoint { triangle, barycentric, point, distance_sq })
+        Some(best)
     }
 
     /// Puts the children of a node that are within the limit on the stack, the nearest on top.
@@ -224,6 +295,21 @@ impl Query {
             high: local.map(|x| Vec4::splat(round_up(x))),
             scale_sq: frame.scale * frame.scale,
         }
+    }
+
+    fn of_box(low: DVec3, high: DVec3, frame: &Frame) -> Self {
+        let [low, high] = [low, high].map(|p| frame.local(p).to_array());
+        Self {
+            low: low.map(|x| Vec4::splat(round_down(x))),
+            high: high.map(|x| Vec4::splat(round_up(x))),
+            scale_sq: frame.scale * frame.scale,
+        }
+    }
+
+    /// Which of a node's boxes the query's box meets.
+    fn meets(&self, node: &Node) -> [bool; 4] {
+        let axis = |i: usize| node.low[i].cmple(self.high[i]) & node.high[i].cmpge(self.low[i]);
+        (axis(0) & axis(1) & axis(2)).into()
     }
 
     /// Lower bounds of the squared distances to a node's four boxes, but for the rounding that [`limit`](Self::limit)

@@ -265,7 +265,7 @@ pub(super) fn nearest(searcher: &mut Searcher<'_>, p: DVec3) -> ClosestPoint {
 }
 
 /// Tells of the progress of work done on many threads, and of the wish to stop it.
-pub(super) struct Watch<'c> {
+pub(crate) struct Watch<'c> {
     control: Control<'c>,
     stage: &'static str,
     done: AtomicUsize,
@@ -273,7 +273,7 @@ pub(super) struct Watch<'c> {
 }
 
 impl<'c> Watch<'c> {
-    pub(super) fn new(control: Control<'c>, stage: &'static str) -> Self {
+    pub(crate) fn new(control: Control<'c>, stage: &'static str) -> Self {
         Self { control, stage, done: AtomicUsize::new(0), turn: Mutex::new(()) }
     }
 
@@ -290,6 +290,15 @@ impl<'c> Watch<'c> {
             self.control.report(self.stage, self.done.load(Ordering::Relaxed) as f32 / total as f32);
         }
         Ok(result)
+    }
+
+    pub(super) fn is_cancelled(&self) -> bool {
+        self.control.is_cancelled()
+    }
+
+    /// Tells that all is done.
+    pub(super) fn finish(&self) {
+        self.control.report(self.stage, 1.0);
     }
 }
 

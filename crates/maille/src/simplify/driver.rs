@@ -2,8 +2,9 @@
 
 use rayon::prelude::*;
 
+use super::crossings::Crossings;
 use super::features::{Barred, Features};
-use super::legality::{Collapse, Limits, landing};
+use super::legality::{Collapse, Limits, landing, strictest};
 use super::metric::{Anchor, Candidate, EdgeContext, Metric, Update};
 use super::normal_cones::NormalCones;
 use super::options::{CurvePoint, Order, Refusals, Stop, TopologyPolicy};
@@ -59,6 +60,8 @@ pub struct Request<'a> {
     pub limits: Limits,
     /// One factor per vertex on costs; empty: all 1.
     pub importance: &'a [f32],
+    /// One factor per vertex on errors before they are compared with the largest; empty: all 1.
+    pub strictness: &'a [f32],
 }
 
 /// Collapses edges of `mesh`, cheapest first, until the request is met or nothing is left to collapse.
@@ -80,6 +83,7 @@ pub fn collapse_edges<M: Metric, O: Observer>(
     let mut run = Loop {
         marks: Marks::new(mesh.vertex_count()),
         importance: request.importance.to_vec(),
+        strictness: request.strictness.to_vec(),
         order: request.order,
         outcome: Outcome {
             collapses: 0,
@@ -92,6 +96,7 @@ pub fn collapse_edges<M: Metric, O: Observer>(
         over_error: false,
         patience: Patience::new(mesh),
         cones: request.limits.max_normal_deviation.map(|most| NormalCones::new(mesh, most)),
+        crossings: request.limits.no_self_intersections.then(|| Crossings::new(mesh)),
         mesh,
         metric,
         features,
@@ -155,6 +160,7 @@ struct Loop<'a, M, O> {
     limits: Limits,
     target_faces: usize,
     importance: Vec<f32>,
+    strictness: Vec<f32>,
     order: Order,
     marks: Marks,
     outcome: Outcome,
@@ -165,6 +171,8 @@ struct Loop<'a, M, O> {
     patience: Patience,
     /// What normals are held against, where they are.
     cones: Option<NormalCones>,
+    /// Where faces lie, if the surface must not pass through itself.
+    crossings: Option<Crossings>,
     kept_ring: Vec<RingFace>,
     removed_ring: Vec<RingFace>,
     effect: CollapseEffect,
@@ -307,7 +315,8 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         if has_risen(candidate.cost, stored_cost) {
             return queue.set(edge, candidate.cost);
         }
-        if self.limits.max_error_sq.is_some_and(|most| candidate.error_sq > most) {
+        let [a, b] = self.mesh.ends(edge).map(|v| self.strictness.get(v as usize).copied());
+        if self.limits.exceeds(candidate.error_sq, strictest(a, b)) {
             self.over_error = true;
             return queue.remove(edge);
         }
@@ -390,6 +399,10 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
             self.outcome.refused.locked += 1;
             return false;
         }
+        if test && self.crossings.as_mut().is_some_and(|crossings| crossings.would_cross(self.mesh, &collapse)) {
+            self.outcome.refused.self_intersections += 1;
+            return false;
+        }
         if let Some(cones) = &mut self.cones {
             cones.commit(&collapse);
         }
@@ -398,11 +411,18 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         self.outcome.collapses += 1;
         self.outcome.error = self.outcome.error.max(error);
         self.mesh.collapse(&star, position, &mut self.marks, &mut self.effect);
+        if let Some(crossings) = &mut self.crossings {
+            crossings.update(self.mesh, self.kept_ring.iter().chain(&self.removed_ring).map(|face| face.face));
+        }
         self.features.commit(kept, removed, &self.effect);
         self.metric.commit(self.mesh, kept, removed, &self.effect.neighbors, self.features);
         if !self.importance.is_empty() {
             let merged = self.importance[kept as usize].max(self.importance[removed as usize]);
             self.importance[kept as usize] = merged;
+        }
+        if !self.strictness.is_empty() {
+            let merged = self.strictness[kept as usize].max(self.strictness[removed as usize]);
+            self.strictness[kept as usize] = merged;
         }
         true
     }

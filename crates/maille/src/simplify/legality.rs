@@ -21,6 +21,8 @@ pub struct Limits {
     pub valence: Option<(u32, u32)>,
     /// Least quality of a triangle, unless it was worse before.
     pub min_quality: Option<f64>,
+    /// Whether collapses are refused after which the surface would pass through itself.
+    pub no_self_intersections: bool,
     /// Largest squared error of a collapse, in the unit frame.
     pub max_error_sq: Option<f64>,
 }
@@ -55,7 +57,21 @@ pub(super) fn landing(frame: &Frame, target: DVec3, stored: [[f32; 3]; 2], [a, b
     (position, t as f32)
 }
 
+/// The larger of the factors of two vertices, if they have any.
+#[inline]
+pub(super) fn strictest(a: Option<f32>, b: Option<f32>) -> f32 {
+    a.zip(b).map_or(1.0, |(a, b)| a.max(b))
+}
+
 impl Limits {
+    /// Whether an error is larger than it may be where vertices are so strict.
+    #[inline]
+    pub(super) fn exceeds(&self, error_sq: f64, strictness: f32) -> bool {
+        // where nothing may move, nor may what costs nothing
+        let strict = |most| strictness == f32::INFINITY || error_sq * f64::from(strictness).powi(2) > most;
+        self.max_error_sq.is_some_and(strict)
+    }
+
     /// Whether a collapse passes all tests; counts the first that it fails.
     pub fn allow(
         &self,

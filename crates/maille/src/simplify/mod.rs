@@ -19,12 +19,14 @@
 //! | `silhouette` | where contours are likely to be seen |
 //! | `features` | borders, seams, material borders, locks |
 //! | `legality` | link condition, fold-over, valence, quality |
+//! | `crossings` | collapses after which the surface would pass through itself |
 //! | `normal_cones` | normals of the original |
 //! | `wedges` | attributes of merged wedges |
 //! | `pairs` | vertices to be joined although no edge does |
 
 mod attributes;
 mod corners;
+mod crossings;
 mod driver;
 mod features;
 mod legality;
@@ -135,16 +137,18 @@ pub fn simplify(
             max_normal_deviation: options.max_normal_deviation,
             valence: options.valence,
             min_quality: options.min_quality,
+            no_self_intersections: options.no_self_intersections,
             max_error_sq: options.target.max_error.map(|e| (e / frame.unit()).powi(2)),
         },
         importance: &options.importance,
+        strictness: &options.strictness,
     };
     let close = options.join_distance.map(|distance| {
         let parts = options.join_parts_only.then(|| parts_of(positions.len(), &triangles));
         pairs::close_pairs(&positions, distance, parts.as_deref())
     });
     let mut done = Done::default();
-    let importance;
+    let (importance, strictness);
     let mut faces = match &mut surface_metric {
         Some(metric) if wants_passes(&options) => {
             let new_surface = || Surface::new(frame, positions, &triangles, &wedges, &options);
@@ -153,8 +157,8 @@ pub fn simplify(
             let observer = if wedges.is_idle() { None } else { Some(&mut wedges) };
             done = control.time("passes", || collapse_in_passes(&mut surface, metric, observer, &request, control))?;
             let faces;
-            (faces, importance) = control.time("preparing", || surface.into_collapse_mesh(triangles_in));
-            request.importance = &importance;
+            (faces, importance, strictness) = control.time("preparing", || surface.into_collapse_mesh(triangles_in));
+            (request.importance, request.strictness) = (&importance, &strictness);
             faces
         }
         _ => control.time("preparing", || CollapseMesh::in_frame(frame, positions, triangles.into_iter())),
@@ -266,13 +270,14 @@ fn parts_of(vertices: usize, triangles: &[[u32; 3]]) -> Vec<u32> {
     parts.into_roots()
 }
 
-/// Whether passes come first: they know neither valence nor quality of triangles, original normals nor pairs.
+/// Whether passes come first: they know neither valence nor quality of triangles, original normals, pairs nor what lies near.
 fn wants_passes(options: &SimplifyOptions) -> bool {
     options.order == Order::Passes
         && options.valence.is_none()
         && options.min_quality.is_none()
         && options.max_normal_deviation.is_none()
         && options.join_distance.is_none()
+        && !options.no_self_intersections
 }
 
 /// A copy of the mesh in spatial order, and the options with their lists in the same order.
@@ -284,6 +289,9 @@ fn sorted(mesh: &Mesh, options: &SimplifyOptions) -> (Mesh, SimplifyOptions) {
     let order = mesh.sort_spatially();
     if !options.locked.is_empty() {
         options.locked = order.iter().map(|&v| options.locked[v as usize]).collect();
+    }
+    if !options.strictness.is_empty() {
+        options.strictness = order.iter().map(|&v| options.strictness[v as usize]).collect();
     }
     if !options.importance.is_empty() {
         options.importance = order.iter().map(|&v| options.importance[v as usize]).collect();
@@ -390,12 +398,19 @@ fn check_options(mesh: &Mesh, options: &SimplifyOptions) -> Result<(), SimplifyE
     if options.max_influences == Some(0) {
         return invalid("max_influences", "at least one joint must move a wedge");
     }
-    let per_vertex = [("locked", options.locked.len()), ("importance", options.importance.len())];
+    let per_vertex = [
+        ("locked", options.locked.len()),
+        ("importance", options.importance.len()),
+        ("strictness", options.strictness.len()),
+    ];
     if let Some((name, _)) = per_vertex.into_iter().find(|&(_, n)| n != 0 && n != mesh.vertex_count()) {
         return invalid(name, "needs one entry per vertex, or none at all");
     }
     if !options.importance.iter().all(|&x| positive(f64::from(x))) {
         return invalid("importance", "must be finite and not negative");
+    }
+    if !options.strictness.iter().all(|&x| x >= 0.0) {
+        return invalid("strictness", "must not be negative or NaN");
     }
     let broken = |p: &[f32; 3]| !p.iter().all(|x| x.is_finite());
     match mesh.positions.iter().position(broken) {

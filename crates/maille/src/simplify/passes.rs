@@ -15,7 +15,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::driver::{Observer, Request};
-use super::legality::{Collapse, Limits, landing};
+use super::legality::{Collapse, Limits, landing, strictest};
 use super::metric::{
     Anchor, Candidate, EdgeContext, QuadricMemory, QuadricMetric, QuadricOptions, REMEMBERED, drift_after,
     faces_of_star,
@@ -64,6 +64,8 @@ pub(super) struct Surface {
     plain: Vec<bool>,
     /// One factor per vertex on costs; empty: all 1.
     pub importance: Vec<f32>,
+    /// One factor per vertex on errors; empty: all 1.
+    pub strictness: Vec<f32>,
 }
 
 /// What passes did.
@@ -214,13 +216,20 @@ impl Surface {
                 && (!wedges.have_seams() && !wedges.have_materials() || is_smooth(around, wedges))
         };
         let plain = (0..positions.len() as u32).into_par_iter().map(is_plain).collect();
-        Self { frame, positions, fans, plain, importance: options.importance.clone() }
+        Self {
+            frame,
+            positions,
+            fans,
+            plain,
+            importance: options.importance.clone(),
+            strictness: options.strictness.clone(),
+        }
     }
 
     /// What is left, for the queue to go on with: `triangles` is how many there were.
-    pub(super) fn into_collapse_mesh(self, triangles: usize) -> (CollapseMesh, Vec<f32>) {
+    pub(super) fn into_collapse_mesh(self, triangles: usize) -> (CollapseMesh, Vec<f32>, Vec<f32>) {
         let triangles = self.fans.triangles(triangles);
-        (CollapseMesh::in_frame(self.frame, self.positions, triangles.into_iter()), self.importance)
+        (CollapseMesh::in_frame(self.frame, self.positions, triangles.into_iter()), self.importance, self.strictness)
     }
 
     /// The planes around each vertex, as the metric wants to keep them.
@@ -290,6 +299,7 @@ impl Surface {
         let mut positions = self.positions.as_mut_slice();
         let mut partners = pairing.partners_mut();
         let mut importance = self.importance.as_mut_slice();
+        let mut strictness = self.strictness.as_mut_slice();
         let (mut sums, mut drift_sq) = (metric.sums.as_mut_slice(), metric.drift_sq.as_mut_slice());
         let mut parts = Vec::new();
         let mut start = 0;
@@ -306,6 +316,7 @@ impl Surface {
                 drift_sq: take(&mut drift_sq, count),
                 plain: &self.plain[at..self.plain.len().min(at + count)],
                 importance: take(&mut importance, count),
+                strictness: take(&mut strictness, count),
             });
             start += count as u32;
             pieces_now = pieces;
@@ -350,6 +361,7 @@ struct Part<'a> {
     drift_sq: &'a mut [f32],
     plain: &'a [bool],
     importance: &'a mut [f32],
+    strictness: &'a mut [f32],
 }
 
 impl Part<'_> {
@@ -418,12 +430,18 @@ impl Part<'_> {
     fn cost(&self, rules: &Rules, ends: [u32; 2], rebuilt: impl FnOnce() -> Quadric) -> f32 {
         let edge = EdgeContext { ends, points: ends.map(|v| self.point(rules, v)), anchor: Anchor::Free };
         let candidate = self.candidate(&rules.options, &edge, rebuilt).1;
-        if candidate.cost.is_nan() || rules.limits.max_error_sq.is_some_and(|most| candidate.error_sq > most) {
+        if candidate.cost.is_nan() || rules.limits.exceeds(candidate.error_sq, self.strictness_of(ends)) {
             return f32::INFINITY;
         }
         let importance = |v: u32| self.importance.get(self.place(v)).copied().unwrap_or(1.0);
         // zero means unknown
         (candidate.cost as f32 * importance(ends[0]).max(importance(ends[1]))).max(f32::MIN_POSITIVE)
+    }
+
+    #[inline]
+    fn strictness_of(&self, ends: [u32; 2]) -> f32 {
+        let [a, b] = ends.map(|v| self.strictness.get(self.place(v)).copied());
+        strictest(a, b)
     }
 
     /// Whether passes may touch a vertex and all around it is in this part.
@@ -519,7 +537,7 @@ impl Part<'_> {
             |p: DVec3, ring: &[RingFace]| options.planes_at(p, ring.iter().map(|face| [face.x, face.y]), point);
         let rebuilt = || planes(edge.points[0], kept_ring) + planes(edge.points[1], removed_ring);
         let (placing, candidate) = self.candidate(options, &edge, rebuilt);
-        if limits.max_error_sq.is_some_and(|most| candidate.error_sq > most) {
+        if limits.exceeds(candidate.error_sq, self.strictness_of(ends)) {
             return None;
         }
         let faces = faces_of_star(ends, [kept_ring, removed_ring], point);
@@ -541,6 +559,9 @@ impl Part<'_> {
         }
         if !self.importance.is_empty() {
             self.importance[at] = self.importance[at].max(self.importance[other]);
+        }
+        if !self.strictness.is_empty() {
+            self.strictness[at] = self.strictness[at].max(self.strictness[other]);
         }
         self.positions[at] = position;
         self.pairing.pair(ends);

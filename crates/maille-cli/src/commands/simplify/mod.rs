@@ -137,6 +137,7 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
     simplify.max_normal_deviation = args.max_normal_deviation.0.map(f64::to_radians);
     simplify.valence = args.valence;
     simplify.min_quality = args.min_quality;
+    simplify.no_self_intersections = args.no_self_intersections;
     let near = (args.preset == Preset::Aggressive).then_some(NEAR_PARTS * diagonal);
     simplify.join_distance = args.join_distance.map(|distance| distance.in_units(diagonal)).or(near);
     simplify.normals = args.normals.into();
@@ -146,7 +147,8 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
         simplify.attributes = AttributeWeights::NONE;
     }
     simplify.texture_may_fold = args.texture_may_fold;
-    let refit = args.refit.unwrap_or(args.preset == Preset::Best).then(RefitOptions::default);
+    let refit =
+        args.refit.unwrap_or(args.preset == Preset::Best && !args.no_self_intersections).then(RefitOptions::default);
     let attribute_weights = args.attribute_weight.clone();
     let budget = if args.budget == "proportional" { Budget::Proportional } else { Budget::Error };
     simplify.cluster_first = args.cluster_first;
@@ -159,6 +161,7 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
         importance: args.importance.clone(),
         lock: args.lock.clone(),
         refit,
+        certify: args.certify,
     }
 }
 
@@ -249,6 +252,8 @@ impl Done {
             "peak_bytes": self.ledger.peak_bytes(),
             "stopped": stop_name(report.stopped),
             "error": report.error,
+            "max_error_proven": report.max_error_proven,
+            "max_error_found": report.max_error_found,
             "diagonal": self.diagonal,
             "attributes": attributes,
             "collapses": report.collapses,
@@ -281,6 +286,12 @@ impl Done {
             (None, None) => "as the metric estimates",
         };
         listing.line("error", format!("{}, {meaning}", output::distance(report.error, self.diagonal)));
+        if let (Some(proven), Some(found)) = (report.max_error_proven, report.max_error_found) {
+            let distance = output::distance(proven, self.diagonal);
+            listing.line("proven", format!("no point of either surface is farther from the other than {distance}"));
+            listing
+                .line("farthest", format!("{}, as far as the proof has seen", output::distance(found, self.diagonal)));
+        }
         for attribute in &report.attributes {
             let worth = output::distance(attribute.weight, self.diagonal);
             let told = format!("{:.3} at most, as the metric estimates; 1 counts as {worth}", attribute.error);
@@ -337,6 +348,7 @@ impl Done {
             barrier(refused.valence, "for the valence", "a wider --valence"),
             barrier(refused.quality, "for the quality of triangles", "a lower --min-quality"),
             barrier(refused.texture, "for fold-over in the texture", "--texture-may-fold"),
+            barrier(refused.self_intersections, "for self-intersections", "without --no-self-intersections"),
         ];
         let mut found: Vec<Barrier> = all.into_iter().filter(|barrier| barrier.refused > 0).collect();
         found.sort_by_key(|barrier| Reverse(barrier.refused));
@@ -357,7 +369,7 @@ impl Done {
     }
 }
 
-fn refusals(refused: &Refusals) -> [(String, Value); 8] {
+fn refusals(refused: &Refusals) -> [(String, Value); 9] {
     [
         ("topology", refused.topology),
         ("fold_over", refused.fold_over),
@@ -367,6 +379,7 @@ fn refusals(refused: &Refusals) -> [(String, Value); 8] {
         ("valence", refused.valence),
         ("quality", refused.quality),
         ("texture", refused.texture),
+        ("self_intersections", refused.self_intersections),
     ]
     .map(|(name, n)| (name.to_owned(), n.into()))
 }

@@ -297,8 +297,9 @@ fn largest_deviation(mesh: &Mesh, most: f64, target: usize) -> (f64, Outcome) {
         valence: None,
         min_quality: None,
         max_error_sq: None,
+        no_self_intersections: false,
     };
-    let request = Request { order: Order::Exact, target_faces: target, limits, importance: &[] };
+    let request = Request { order: Order::Exact, target_faces: target, limits, importance: &[], strictness: &[] };
     let mut metric = LindstromTurk::new(PlacementKind::OptimalVolume, 1.0, true);
     let outcome =
         collapse_edges(&mut faces, &mut metric, &mut features, &mut witness, &request, Control::default()).unwrap();

@@ -65,6 +65,7 @@ const NO_LIMITS: Limits = Limits {
     max_normal_deviation: None,
     valence: None,
     min_quality: None,
+    no_self_intersections: false,
     max_error_sq: None,
 };
 
@@ -79,7 +80,8 @@ fn meshes() -> [(&'static str, Mesh, usize); 3] {
 
 fn assert_same_order<M: Metric>(metric: impl Fn() -> M, what: &str) {
     for (name, mesh, target_faces) in meshes() {
-        let request = Request { target_faces, order: Order::Exact, limits: NO_LIMITS, importance: &[] };
+        let request =
+            Request { target_faces, order: Order::Exact, limits: NO_LIMITS, importance: &[], strictness: &[] };
         let (fast, slow) = (with_queue(&mesh, metric(), &request), by_search(&mesh, metric(), target_faces));
         for (i, (fast, slow)) in fast.0.iter().zip(&slow.0).enumerate() {
             assert_eq!(fast, slow, "{what}, {name}: collapse {i}");
