@@ -1,6 +1,7 @@
 //! Attributes in the metric: normals, colours, texture coordinates and whatever else wedges carry.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::corners::Corners;
 use super::features::Features;
@@ -245,35 +246,43 @@ impl AttributeMetric {
         if let (Some(place), Some(only)) = (self.wedge_of.get_mut(vertex as usize), only) {
             *place = only;
         }
-        let v = mesh.point(vertex);
+        let mut sums = std::mem::take(&mut self.sums);
         for face in mesh.faces_around(vertex) {
             let wedge = self.corners.at(&face, vertex);
-            let [x, y] = [face.x, face.y].map(|w| mesh.point(w) - v);
-            let (xx, xy, yy) = (x.length_squared(), x.dot(y), y.length_squared());
-            let squared = xx * yy;
-            let determinant = (squared - xy * xy).max(0.0);
-            if determinant <= 0.0 {
-                continue;
-            }
-            let area = determinant.sqrt() / 2.0;
-            let scale = 1.0 / determinant.max(NEEDLE * squared);
-            let (to_x, to_y) = ((x * yy - y * xy) * scale, (y * xx - x * xy) * scale);
-            let [wx, wy] = self.corners.opposite(&face).map(|w| w as usize * self.channels);
-            let wv = wedge as usize * self.channels;
-            let (slopes, squares) = self.sums[wedge as usize * stride..][..stride].split_at_mut(1 + 3 * self.channels);
-            slopes[0] += area as f32;
-            for (attribute, squares) in self.attributes.iter().zip(squares.chunks_exact_mut(6)) {
-                for j in attribute.range() {
-                    let value = self.values[wv + j];
-                    let steps = [wx, wy].map(|w| f64::from(self.values[w + j] - value));
-                    let slope = (to_x * steps[0] + to_y * steps[1]) * self.weights[j];
-                    let weighted = slope * area;
-                    let sum = &mut slopes[1 + 3 * j..][..3];
-                    sum.iter_mut().zip(weighted.to_array()).for_each(|(sum, x)| *sum += x as f32);
-                    let [a, b] = [weighted, slope];
-                    let products = [a.x * b.x, a.x * b.y, a.x * b.z, a.y * b.y, a.y * b.z, a.z * b.z];
-                    squares.iter_mut().zip(products).for_each(|(sum, x)| *sum += x as f32);
-                }
+            self.add_face(mesh, vertex, &face, &mut sums[wedge as usize * stride..][..stride]);
+        }
+        self.sums = sums;
+    }
+
+    /// Adds what a face around a vertex says to the sums of its wedge there.
+    #[inline]
+    fn add_face(&self, mesh: &CollapseMesh, vertex: u32, face: &RingFace, sums: &mut [f32]) {
+        let v = mesh.point(vertex);
+        let [x, y] = [face.x, face.y].map(|w| mesh.point(w) - v);
+        let (xx, xy, yy) = (x.length_squared(), x.dot(y), y.length_squared());
+        let squared = xx * yy;
+        let determinant = (squared - xy * xy).max(0.0);
+        if determinant <= 0.0 {
+            return;
+        }
+        let area = determinant.sqrt() / 2.0;
+        let scale = 1.0 / determinant.max(NEEDLE * squared);
+        let (to_x, to_y) = ((x * yy - y * xy) * scale, (y * xx - x * xy) * scale);
+        let [wx, wy] = self.corners.opposite(face).map(|w| w as usize * self.channels);
+        let wv = self.corners.at(face, vertex) as usize * self.channels;
+        let (slopes, squares) = sums.split_at_mut(1 + 3 * self.channels);
+        slopes[0] += area as f32;
+        for (attribute, squares) in self.attributes.iter().zip(squares.chunks_exact_mut(6)) {
+            for j in attribute.range() {
+                let value = self.values[wv + j];
+                let steps = [wx, wy].map(|w| f64::from(self.values[w + j] - value));
+                let slope = (to_x * steps[0] + to_y * steps[1]) * self.weights[j];
+                let weighted = slope * area;
+                let sum = &mut slopes[1 + 3 * j..][..3];
+                sum.iter_mut().zip(weighted.to_array()).for_each(|(sum, x)| *sum += x as f32);
+                let [a, b] = [weighted, slope];
+                let products = [a.x * b.x, a.x * b.y, a.x * b.z, a.y * b.y, a.y * b.z, a.z * b.z];
+                squares.iter_mut().zip(products).for_each(|(sum, x)| *sum += x as f32);
             }
         }
     }
@@ -533,12 +542,16 @@ impl Sums<'_> {
 impl Metric for AttributeMetric {
     fn prepare(&mut self, mesh: &CollapseMesh, features: &Features) {
         self.surface.prepare(mesh, features);
-        self.sums = vec![0.0; self.changed.len() * self.stride()];
-        if !self.corners.are_plain() {
+        let mut sums = vec![0.0; self.changed.len() * self.stride()];
+        if self.corners.are_plain() {
+            sums.par_chunks_exact_mut(self.stride()).zip(0..mesh.vertex_count() as u32).for_each(|(sums, vertex)| {
+                mesh.faces_around(vertex).for_each(|face| self.add_face(mesh, vertex, &face, sums));
+            });
+            self.sums = sums;
+        } else {
+            self.sums = sums;
             self.wedge_of = vec![SEVERAL; mesh.vertex_count()];
-        }
-        for vertex in 0..mesh.vertex_count() as u32 {
-            self.rebuild(mesh, vertex);
+            (0..mesh.vertex_count() as u32).for_each(|vertex| self.rebuild(mesh, vertex));
         }
     }
 
