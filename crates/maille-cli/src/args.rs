@@ -193,7 +193,7 @@ pub(crate) struct SimplifyArgs {
         allow_hyphen_values = true, help_heading = "Target")]
     pub(crate) max_error: Option<Distance>,
     /// Proves that no point of the result is farther from the original than --max-error, nor any of the original from the
-    /// result. Several simplifications and proofs, so some ten times the time.
+    /// result. Several simplifications and proofs, so ten to twenty times the time.
     #[arg(long, requires = "max_error", help_heading = "Target")]
     pub(crate) certify: bool,
 
@@ -280,8 +280,8 @@ pub(crate) struct SimplifyArgs {
     /// Refuse collapses that make a triangle worse than before and than this quality (1: equilateral, 0: needle).
     #[arg(long, value_name = "Q", value_parser = parse_unit, help_heading = "Constraints")]
     pub(crate) min_quality: Option<f64>,
-    /// Refuse collapses after which the surface would pass through itself. Takes two to four times as long; --refit, which
-    /// does not know of it, is left out.
+    /// Refuse collapses after which the surface would pass through itself. Takes four to five times as long; --refit,
+    /// which does not know of it, is left out.
     #[arg(long, help_heading = "Constraints", conflicts_with = "refit")]
     pub(crate) no_self_intersections: bool,
     /// Also join vertices without an edge between them that are closer than this: units, or a share of the diagonal.

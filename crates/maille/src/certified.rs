@@ -48,9 +48,11 @@ pub struct CertifiedReport<T = ()> {
 const NEAR: f64 = 0.9;
 /// The estimate at which the first round stops, in terms of the bound. Estimates are means over the planes around, so the
 /// largest distance is mostly larger; what is too far gets stricter.
-const START: f64 = 1.0;
+const START: f64 = 0.7;
 /// Share of a result's triangles: when more triangles of the original than that are too far, no closer look is taken.
-const ENOUGH: usize = 10;
+const ENOUGH: usize = 20;
+/// Share of a result's triangles: more than that are not the last few.
+const FEW: usize = 100;
 /// Rounds after which what is left to mend is mended with more force.
 const PATIENT_ROUNDS: u32 = 3;
 /// How many rounds follow, when nothing has been proven, before the original itself is the result.
@@ -162,6 +164,8 @@ struct Trial<T> {
     proven: Option<f64>,
     /// The largest distance that the proof came across.
     found: f64,
+    /// Whether all that is too far has been found.
+    is_complete: bool,
     /// For each triangle, by how much the bound is exceeded there; 0 where it is not.
     excess: Vec<f64>,
     /// The triangle nearest to each vertex of the original.
@@ -182,9 +186,12 @@ impl<T, F: Fn(&Mesh, &mut Mesh) -> Result<T, SimplifyError>> Search<'_, F> {
             let trial = self.trial(error, &strictness)?;
             let found = trial.found;
             if trial.proven.is_none() {
+                // counts can be compared where all has been looked at, and force is for the last few
                 let bad = trial.excess.iter().filter(|&&excess| excess > 0.0).count();
-                in_vain = if bad < least_bad { 0 } else { in_vain + 1 };
-                least_bad = least_bad.min(bad);
+                if trial.is_complete && bad * FEW <= trial.excess.len() {
+                    in_vain = if bad < least_bad { 0 } else { in_vain + 1 };
+                    least_bad = least_bad.min(bad);
+                }
                 tighten(&mut strictness, &trial, in_vain, rounds.saturating_sub(PATIENT_ROUNDS));
                 continue;
             }
@@ -196,7 +203,7 @@ impl<T, F: Fn(&Mesh, &mut Mesh) -> Result<T, SimplifyError>> Search<'_, F> {
                 break;
             }
             error *= (self.most / found).clamp(1.1, 2.0);
-            least_bad = usize::MAX;
+            (least_bad, in_vain) = (usize::MAX, 0);
         }
         let Some(trial) = best else { return Ok(self.untouched(rounds)) };
         let proven = trial.proven.expect("only what is proven is kept");
@@ -238,6 +245,7 @@ impl<T, F: Fn(&Mesh, &mut Mesh) -> Result<T, SimplifyError>> Search<'_, F> {
             finished,
             proven: None,
             found: 0.0,
+            is_complete: true,
         };
         if !trial.mesh.triangles.is_empty() {
             self.prove(&mut trial, control)?;
@@ -257,23 +265,31 @@ impl<T, F: Fn(&Mesh, &mut Mesh) -> Result<T, SimplifyError>> Search<'_, F> {
             Proof { from, to, goal, rounding, queue, gather: true, enough }.run(&Watch::new(control, "proving"))
         };
         let there: Shown = one_way(&self.ground, &ground)?;
-        let back = if there.spots.len() > enough { None } else { Some(one_way(&ground, &self.ground)?) };
-        let there = &there;
-        let both = || [Some(there), back.as_ref()].into_iter().flatten();
+        let back: Shown = one_way(&ground, &self.ground)?;
+        let both = [&there, &back];
         let mut note = |triangle: u32, spot: &Spot| {
             let excess = &mut trial.excess[triangle as usize];
             *excess = excess.max(spot.distance / self.most);
         };
-        there.spots.iter().for_each(|spot| note(spot.to, spot));
-        back.iter().flat_map(|back| &back.spots).for_each(|spot| note(spot.from, spot));
-        trial.found = both().map(|shown| shown.distance.lower).fold(0.0, f64::max);
-        if back.is_some() && both().all(|shown| shown.distance.converged) {
-            trial.proven = Some(both().map(|shown| shown.distance.upper).fold(0.0, f64::max));
-        } else if both().all(|shown| shown.spots.is_empty()) {
+        // the triangle of the result, and all that the corners of the original's triangle are nearest to
+        let nearest = |t: u32| self.original.triangle_vertices(t as usize).map(|v| there.nearest[v as usize]);
+        for spot in &there.spots {
+            note(spot.to, spot);
+            nearest(spot.from).iter().for_each(|&t| note(t, spot));
+        }
+        for spot in &back.spots {
+            note(spot.from, spot);
+            nearest(spot.to).iter().for_each(|&t| note(t, spot));
+        }
+        trial.is_complete = both.iter().all(|shown| shown.spots.len() <= enough);
+        trial.found = both.iter().map(|shown| shown.distance.lower).fold(0.0, f64::max);
+        if both.iter().all(|shown| shown.distance.converged) {
+            trial.proven = Some(both.iter().map(|shown| shown.distance.upper).fold(0.0, f64::max));
+        } else if both.iter().all(|shown| shown.spots.is_empty()) {
             // too many pieces to tell where: all of it
             trial.excess.fill(1.0);
         }
-        trial.nearest.clone_from(&there.nearest);
+        trial.nearest = there.nearest;
         Ok(())
     }
 }
@@ -288,41 +304,50 @@ const UNMOVED: f32 = 1e4;
 /// Makes the vertices of the original stricter that are nearest to triangles beyond the bound, or to their neighbours.
 ///
 /// Where that does not help, the estimates there are blind (of a border that is drawn in, of a hole that closes): the steps
-/// get much larger, until nothing may move there, and neighbours' neighbours are taken, too. So they do, less so, in late
-/// rounds: the last few spots are not worth many more.
+/// get much larger, until nothing may move there, and a little larger farther around. So they do, less so, in late rounds:
+/// the last few spots are not worth many more.
 fn tighten<T>(strictness: &mut [f32], trial: &Trial<T>, in_vain: u32, late: u32) {
     if trial.mesh.triangles.is_empty() {
         strictness.iter_mut().for_each(|strictness| *strictness *= MOST_STEP as f32); // all has vanished
     }
-    let mut excess = trial.excess.clone();
-    let mut at_vertices = vec![0.0_f64; trial.mesh.vertex_count()];
-    for _ in 0..1 + late.min(4) / 2 + in_vain * in_vain {
-        at_vertices.fill(0.0);
+    let mut core = trial.excess.clone();
+    widen(&mut core, &trial.mesh, 1 + in_vain / 3 + if in_vain > 6 { 1 << in_vain.min(16) } else { 0 });
+    let mut around = core.clone();
+    widen(&mut around, &trial.mesh, late.min(4) / 2 + in_vain.min(4));
+    let least = LEAST_STEP + 0.1 * f64::from(late);
+    let force = 4_f64.powi(in_vain.min(32) as i32);
+    for (strictness, &nearest) in strictness.iter_mut().zip(&trial.nearest) {
+        let at = |excess: &[f64]| excess.get(nearest as usize).copied().filter(|&excess| excess > 0.0);
+        let step = |excess: f64| (least * excess).clamp(least, MOST_STEP.max(least));
+        *strictness *= match (at(&core), at(&around)) {
+            (Some(excess), _) => (step(excess) * force) as f32,
+            (None, Some(_)) => LEAST_STEP as f32,
+            (None, None) => continue,
+        };
+        if *strictness > UNMOVED {
+            *strictness = f32::INFINITY;
+        }
+    }
+}
+
+/// Spreads the excess of triangles to those that share a vertex with them, so many times.
+fn widen(excess: &mut [f64], mesh: &Mesh, times: u32) {
+    let mut at_vertices = vec![0.0_f64; mesh.vertex_count()];
+    for _ in 0..times {
         for (t, &excess) in excess.iter().enumerate().filter(|(_, excess)| **excess > 0.0) {
-            for v in trial.mesh.triangle_vertices(t) {
+            for v in mesh.triangle_vertices(t) {
                 at_vertices[v as usize] = at_vertices[v as usize].max(excess);
             }
         }
         let mut grows = false;
         for (t, excess) in excess.iter_mut().enumerate() {
-            let corners = trial.mesh.triangle_vertices(t);
-            let around = corners.iter().map(|&v| at_vertices[v as usize]).fold(0.0, f64::max);
-            grows |= (around > 0.0) != (*excess > 0.0);
-            *excess = around;
+            let corners = mesh.triangle_vertices(t);
+            let most = corners.iter().map(|&v| at_vertices[v as usize]).fold(0.0, f64::max);
+            grows |= most > *excess;
+            *excess = most;
         }
         if !grows {
             break;
-        }
-    }
-    let least = (LEAST_STEP + 0.1 * f64::from(late)) * 4_f64.powi(in_vain.min(32) as i32);
-    for (strictness, &nearest) in strictness.iter_mut().zip(&trial.nearest) {
-        let excess = excess.get(nearest as usize).copied().unwrap_or(0.0);
-        if excess > 0.0 {
-            let step = (least * excess).clamp(least, MOST_STEP.max(least));
-            *strictness *= step as f32;
-            if *strictness > UNMOVED {
-                *strictness = f32::INFINITY;
-            }
         }
     }
 }

@@ -228,7 +228,7 @@ pub(crate) struct Proof<'g, 'm> {
     pub(crate) queue: usize,
     /// Whether all triangles that are too far are wanted, or any.
     pub(crate) gather: bool,
-    /// When whole triangles and their corners have shown that so many are too far, no more are looked for within triangles.
+    /// When so many have been found to be too far, none is cut more than about once in search of others.
     pub(crate) enough: usize,
 }
 
@@ -355,8 +355,10 @@ impl Proof<'_, '_> {
         let names = if self.gather { nearest.iter().map(name).collect() } else { Vec::new() };
         drop(nearest);
         let mut seen = 0;
-        let enough = all.spots.len() > self.enough;
-        while self.goes_on(&all) && !enough {
+        // as many batches as it takes to look at everything once
+        let mut batches = queue.len().div_ceil(BATCH);
+        while self.goes_on(&all) && (all.spots.len() <= self.enough || batches > 0) {
+            batches = batches.saturating_sub(1);
             for spot in &all.spots[seen..] {
                 if let Some(failed) = failed.get_mut(spot.from as usize) {
                     *failed = true;

@@ -298,8 +298,8 @@ pub struct SimplifyOptions {
     pub min_quality: Option<f64>,
     /// Refuse collapses whose new triangles would meet other triangles, or each other, beyond the vertices and edges that
     /// they share. A mesh that does not pass through itself then never does; where it does already, what lies there may stay
-    /// as it is. What is too near to tell counts as meeting. Rules passes out; takes two to four times the time of the
-    /// order [`Spatial`](Order::Spatial), and 6 bytes per triangle.
+    /// as it is. What is too near to tell counts as meeting. Rules passes out; takes four to five times the time of
+    /// the order [`Spatial`](Order::Spatial), and 6 bytes per triangle.
     pub no_self_intersections: bool,
     /// Also join vertex pairs without an edge that are closer than this distance, in model units.
     pub join_distance: Option<f64>,
