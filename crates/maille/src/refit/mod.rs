@@ -13,7 +13,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::control::Cancelled;
-use crate::measure::{Bvh, ClosestPoint, SurfaceSampler};
+use crate::measure::{Bvh, ClosestPoint, Searcher, SurfaceSampler};
 use crate::{Control, Mesh};
 use least_squares::{Fit, Row};
 
@@ -96,25 +96,40 @@ pub fn refit(
     let vertices = vertices(original, there.triangles_in_space_order());
     let fixed = fixed_vertices(mesh, &options.fixed);
     let mut found = nearest(mesh, &samples);
-    let before = Errors::of(mesh, &there, &found, &nearest(mesh, &vertices));
+    let mut far = nearest(mesh, &vertices);
+    let before = Errors::of(mesh, &there, &found, &far);
     (report.rms_before, report.max_before) = (before.rms, before.max);
     (report.rms_after, report.max_after) = (before.rms, before.max);
     let mut moved = Moved::new(mesh);
     for round in 1..=options.rounds {
         tell(round)?;
         moved.add(&moves(&moved.mesh(mesh), &samples, &found, &fixed), mesh);
-        found = nearest(&moved.mesh(mesh), &samples);
+        if round < options.rounds {
+            follow(&moved.mesh(mesh), &samples, &mut found);
+        }
     }
+    let mut result = moved.mesh(mesh);
+    found = nearest(&result, &samples);
+    far = nearest(&result, &vertices);
+    let mut after = Errors::of(&result, &there, &found, &far);
     for _ in 0..HELD_BACK {
-        let result = moved.mesh(mesh);
-        let after = Errors::of(&result, &there, &found, &nearest(&result, &vertices));
         if after.max <= before.max {
             mesh.positions = result.positions;
             (report.rms_after, report.max_after) = (after.rms, after.max);
             break;
         }
+        tell(options.rounds)?;
         moved.take_back(mesh, &after.vertices_beyond(before.max, &before, mesh));
-        found = nearest(&moved.mesh(mesh), &samples);
+        let held = moved.mesh(mesh);
+        let has_moved = |v: u32| held.positions[v as usize] != result.positions[v as usize];
+        let is_stale = |t: usize| mesh.triangle_vertices(t).into_iter().any(has_moved);
+        let stale: Vec<bool> = (0..mesh.triangle_count()).into_par_iter().map(is_stale).collect();
+        let own = Bvh::new(&held);
+        search_stale(&own, &samples, &mut found, &stale);
+        search_stale(&own, &vertices, &mut far, &stale);
+        drop(own);
+        after = after.updated(&held, &there, &found, &far, &stale, has_moved);
+        result = held;
     }
     Ok(report)
 }
@@ -162,6 +177,49 @@ fn nearest(mesh: &Mesh, samples: &[Sample]) -> Vec<ClosestPoint> {
     })
 }
 
+/// Brings the nearest points up to date after a round of moves: what lies above the inside of the triangle that was nearest
+/// stays with it, which is right but for folds; the rest is looked for anew. Good enough to fit to, not to measure.
+fn follow(mesh: &Mesh, samples: &[Sample], found: &mut [ClosestPoint]) {
+    let here = Bvh::new(mesh);
+    samples.par_chunks(CHUNK).zip(found.par_chunks_mut(CHUNK)).for_each(|(samples, found)| {
+        let mut searcher = here.searcher();
+        for (sample, found) in samples.iter().zip(found) {
+            let corners = mesh.triangle_points(found.triangle as usize);
+            match above(corners, sample.point) {
+                Some((barycentric, point)) => {
+                    let distance_sq = point.distance_squared(sample.point);
+                    *found = ClosestPoint { barycentric, point, distance_sq, ..*found };
+                }
+                None => *found = searcher.closest(sample.point).expect("there are triangles"),
+            }
+        }
+    });
+}
+
+/// Where the foot of the perpendicular from p is in a triangle, if it is inside.
+fn above([a, b, c]: [DVec3; 3], p: DVec3) -> Option<([f64; 3], DVec3)> {
+    let (x, y, q) = (b - a, c - a, p - a);
+    let (xx, xy, yy) = (x.length_squared(), x.dot(y), y.length_squared());
+    let determinant = xx * yy - xy * xy;
+    let (qx, qy) = (q.dot(x), q.dot(y));
+    let (v, w) = (yy * qx - xy * qy, xx * qy - xy * qx);
+    if v < 0.0 || w < 0.0 || v + w > determinant || determinant <= f64::EPSILON * xx * yy {
+        return None;
+    }
+    let (v, w) = (v / determinant, w / determinant);
+    Some(([1.0 - v - w, v, w], a + x * v + y * w))
+}
+
+/// Looks anew for the nearest points that lie on stale triangles. Those that keep theirs are as near as before, or nearer.
+fn search_stale(here: &Bvh<'_>, samples: &[Sample], found: &mut [ClosestPoint], stale: &[bool]) {
+    samples.par_chunks(CHUNK).zip(found.par_chunks_mut(CHUNK)).for_each(|(samples, found)| {
+        let mut searcher = here.searcher();
+        for (sample, found) in samples.iter().zip(found).filter(|(_, found)| stale[found.triangle as usize]) {
+            *found = searcher.closest(sample.point).expect("there are triangles");
+        }
+    });
+}
+
 /// Vertices that stay: by wish, and on edges that do not have two triangles.
 fn fixed_vertices(mesh: &Mesh, wanted: &[bool]) -> Vec<bool> {
     let mut fixed = wanted.to_vec();
@@ -205,12 +263,31 @@ struct Errors {
 
 impl Errors {
     fn of(mesh: &Mesh, there: &Bvh<'_>, samples: &[ClosestPoint], vertices: &[ClosestPoint]) -> Self {
+        let mut backward = distances_sq(there, mesh.vertex_count(), |v| Some(vertex(mesh, v)));
+        backward.extend(distances_sq(there, mesh.triangle_count(), |t| Some(middle(mesh, t))));
+        Self::summed(samples, vertices, backward.into_iter().map(|found| found.unwrap_or(0.0)).collect())
+    }
+
+    /// The same after some vertices have moved, and with them the triangles that are stale.
+    fn updated(
+        &self,
+        mesh: &Mesh,
+        there: &Bvh<'_>,
+        samples: &[ClosestPoint],
+        vertices: &[ClosestPoint],
+        stale: &[bool],
+        has_moved: impl Fn(u32) -> bool + Sync,
+    ) -> Self {
+        let moved = |v: usize| has_moved(v as u32).then(|| vertex(mesh, v));
+        let mut backward = distances_sq(there, mesh.vertex_count(), moved);
+        backward.extend(distances_sq(there, mesh.triangle_count(), |t| stale[t].then(|| middle(mesh, t))));
+        let backward = backward.into_iter().zip(&self.backward).map(|(now, then)| now.unwrap_or(*then)).collect();
+        Self::summed(samples, vertices, backward)
+    }
+
+    fn summed(samples: &[ClosestPoint], vertices: &[ClosestPoint], backward: Vec<f64>) -> Self {
         let sum: f64 = samples.iter().map(|found| found.distance_sq).sum();
         let forward: Vec<_> = samples.iter().chain(vertices).map(|found| (found.distance_sq, found.triangle)).collect();
-        let middle = |t: usize| mesh.triangle_points(t).into_iter().sum::<DVec3>() / 3.0;
-        let vertex = |v: usize| glam::Vec3::from(mesh.positions[v]).as_dvec3();
-        let mut backward = distances_sq(there, mesh.vertex_count(), vertex);
-        backward.extend(distances_sq(there, mesh.triangle_count(), middle));
         let all = forward.iter().map(|&(distance_sq, _)| distance_sq).chain(backward.iter().copied());
         let max = all.fold(0.0, f64::max).sqrt();
         Self { rms: (sum / samples.len() as f64).sqrt(), max, forward, backward }
@@ -231,12 +308,22 @@ impl Errors {
     }
 }
 
-/// Squared distances of points from the original.
-fn distances_sq(there: &Bvh<'_>, count: usize, point: impl Fn(usize) -> DVec3 + Sync) -> Vec<f64> {
+/// Squared distances of points from the original, of those that are given.
+fn distances_sq(there: &Bvh<'_>, count: usize, point: impl Fn(usize) -> Option<DVec3> + Sync) -> Vec<Option<f64>> {
     in_chunks(count, |range| {
         let mut searcher = there.searcher();
-        range.map(|i| searcher.closest(point(i)).map_or(0.0, |found| found.distance_sq)).collect()
+        let distance_sq =
+            |p: DVec3, searcher: &mut Searcher<'_>| searcher.closest(p).map_or(0.0, |found| found.distance_sq);
+        range.map(|i| point(i).map(|p| distance_sq(p, &mut searcher))).collect()
     })
+}
+
+fn vertex(mesh: &Mesh, v: usize) -> DVec3 {
+    glam::Vec3::from(mesh.positions[v]).as_dvec3()
+}
+
+fn middle(mesh: &Mesh, t: usize) -> DVec3 {
+    mesh.triangle_points(t).into_iter().sum::<DVec3>() / 3.0
 }
 
 /// Where the vertices of a mesh have gone.

@@ -209,11 +209,14 @@ impl<M: Metric> Costs<'_, M> {
             let v = corners[i];
             let p = self.mesh.point(v);
             for (n, face) in self.mesh.faces_around(v).enumerate() {
+                if n > LAST_FACES {
+                    return None;
+                }
                 for w in [face.x, face.y] {
                     if corners[..known].contains(&w) {
                         continue;
                     }
-                    if known == corners.len() || n > LAST_FACES {
+                    if known == corners.len() {
                         return None; // larger than that
                     }
                     corners[known] = w;

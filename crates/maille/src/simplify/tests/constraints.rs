@@ -156,9 +156,12 @@ fn one_importance_for_all_changes_nothing() {
     let mesh = dented_torus();
     let with = |importance: f32| {
         let importance = vec![importance; mesh.vertex_count()];
-        reduced(&mesh, &SimplifyOptions { importance, ..to(300) })
+        let (mesh, mut report) = reduced(&mesh, &SimplifyOptions { importance, ..to(300) });
+        report.curve.clear(); // costs are as many times as high
+        (mesh, report)
     };
-    let plain = reduced(&mesh, &to(300));
+    let mut plain = reduced(&mesh, &to(300));
+    plain.1.curve.clear();
     assert!(with(1.0) == plain && with(16.0) == plain);
 }
 
