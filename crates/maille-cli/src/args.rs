@@ -304,6 +304,10 @@ pub(crate) struct SimplifyArgs {
     /// given several times.
     #[arg(long, value_name = "NAME=FACTOR", value_parser = parse_weight, help_heading = "Attributes")]
     pub(crate) attribute_weight: Vec<(String, f64)>,
+    /// Refuse collapses after which the texture has slipped by more than so many texels of the base colour texture, by the
+    /// estimate of the metric.
+    #[arg(long, value_name = "TEXELS", value_parser = parse_non_negative, help_heading = "Attributes")]
+    pub(crate) max_texel_error: Option<f64>,
     /// Let triangles be turned over in the texture.
     #[arg(long, help_heading = "Attributes")]
     pub(crate) texture_may_fold: bool,

@@ -56,6 +56,9 @@ pub struct AssetOptions {
     pub attribute_weights: Vec<(String, f64)>,
     /// Cluster vertices this way instead of collapsing edges. Of `simplify`, only the target matters then.
     pub cluster: Option<ClusterMethod>,
+    /// Refuse collapses after which the texture has slipped by more than so many texels of the base colour texture, by the
+    /// estimate of the metric (`SimplifyOptions::max_texture_error`, which is set from it mesh by mesh).
+    pub max_texel_error: Option<f64>,
     /// Attribute of importance, by the name the file gives it ([`find_attribute`]): its first component is a factor on
     /// the cost of collapses; of a colour, the brightness from black (1) to white (100).
     pub importance: Option<String>,
@@ -123,6 +126,9 @@ pub enum ProcessError {
     /// What is to be proven is not told.
     #[error("there is no largest error to be proven")]
     NothingToProve,
+    /// A limit in texels was asked for, and no texture tells how large they are.
+    #[error("no mesh has a texture whose size can be read, so an error in texels means nothing")]
+    NoTexture,
     /// The asset holds no triangles.
     #[error("there are no triangles to simplify")]
     NoTriangles,
@@ -156,6 +162,13 @@ pub fn simplify_asset(
     for name in options.importance.iter().chain(&options.lock).chain(weighted) {
         require_attribute(asset, name)?;
     }
+    let texels: Vec<Option<f64>> = match options.max_texel_error {
+        Some(_) => (0..asset.meshes.len()).map(|mesh| texels_per_unit(asset, mesh)).collect(),
+        None => vec![None; asset.meshes.len()],
+    };
+    if options.max_texel_error.is_some() && texels.iter().all(Option::is_none) {
+        return Err(ProcessError::NoTexture);
+    }
     if options.weld {
         asset.meshes.par_iter_mut().for_each(|named| {
             named.mesh.weld(&WeldOptions::EXACT_WITH_WEDGES);
@@ -188,6 +201,7 @@ pub fn simplify_asset(
             target,
             scale,
             draws: draws[index],
+            texels: texels[index],
             original: originals.get(index),
             report: None,
             proven: None,
@@ -238,6 +252,18 @@ fn require_attribute(asset: &Asset, name: &str) -> Result<(), ProcessError> {
     known.dedup();
     let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
     Err(ProcessError::NoAttribute { name: name.to_owned(), known })
+}
+
+/// Texels to a unit of texture coordinates, by the largest texture on a mesh; `None` without one that can be read.
+fn texels_per_unit(asset: &Asset, mesh: usize) -> Option<f64> {
+    let slots = asset.meshes[mesh].mesh.triangle_materials.iter().copied().max().unwrap_or(0);
+    let texture = |slot| asset.look(mesh, slot)?.texture;
+    let texels = (0..=slots).filter_map(texture).filter_map(|texture| {
+        let size = imagesize::blob_size(&texture.bytes).ok()?;
+        let [u, v] = texture.scale.map(|scale| f64::from(scale.abs()));
+        Some((size.width as f64 * u).max(size.height as f64 * v))
+    });
+    texels.filter(|texels| *texels > 0.0).max_by(f64::total_cmp)
 }
 
 /// How much each mesh is enlarged at most where it is drawn, posed at rest; 1 for a mesh that is not drawn or has no area.
@@ -318,6 +344,8 @@ struct Job<'a> {
     scale: f64,
     /// How often the mesh counts in the total.
     draws: usize,
+    /// Texels to a unit of texture coordinates, where that counts.
+    texels: Option<f64>,
     /// The mesh as it was, where that is needed.
     original: Option<&'a Mesh>,
     report: Option<SimplifyReport>,
@@ -460,6 +488,9 @@ impl Job<'_> {
             if let Some(attribute) = find_attribute(self.mesh, name) {
                 own.attributes.named.push((attribute.semantic.clone(), *factor));
             }
+        }
+        if let (Some(most), Some(texels)) = (options.max_texel_error, self.texels) {
+            own.max_texture_error = Some(most / texels);
         }
         own.locked = self.locked(options);
         if options.certify {

@@ -22,7 +22,7 @@ use least_squares::{Fit, Row};
 pub struct RefitOptions {
     /// How often nearest points are looked for anew. The first round gains most.
     pub rounds: u32,
-    /// Points of the original to each vertex of the simplified mesh.
+    /// Points of the original to each vertex of the simplified mesh, but four to each triangle of the original at most.
     pub samples_per_vertex: f64,
     /// Moves the samples.
     pub seed: u64,
@@ -87,6 +87,7 @@ pub fn refit(
     tell(0)?;
     let there = Bvh::new(original);
     let count = (mesh.vertex_count() as f64 * options.samples_per_vertex).ceil() as u64;
+    let count = count.min((MOST_PER_TRIANGLE * original.triangle_count()) as u64);
     let sampler = SurfaceSampler::new(original, there.triangles_in_space_order(), options.seed);
     let samples = in_chunks(count as usize, |range| {
         let samples = sampler.samples(count, range.start as u64..range.end as u64);
@@ -133,6 +134,10 @@ pub fn refit(
     }
     Ok(report)
 }
+
+/// Most samples for each triangle of the original: of what is flat, more say little more. At half of the triangles, where
+/// it counts, 16 samples to a vertex take half of the time of 30 and leave 1 % more error.
+const MOST_PER_TRIANGLE: usize = 4;
 
 /// How often moves are taken back where the largest distance has grown, before all are.
 const HELD_BACK: usize = 4;

@@ -51,6 +51,10 @@ impl Channels {
         self.first..self.first + self.count
     }
 
+    fn is_texture(&self) -> bool {
+        matches!(self.semantic, Semantic::TexCoord(_)) && self.count == 2
+    }
+
     fn is_normal(&self) -> bool {
         self.semantic == Semantic::Normal && self.count == 3
     }
@@ -92,6 +96,11 @@ pub(super) struct AttributeMetric {
     wedge_of: Vec<u32>,
     /// Whether a collapse may turn triangles over in the texture.
     texture_may_fold: bool,
+    /// Most squared error of texture coordinates.
+    texture_limit_sq: Option<f64>,
+    /// Squared error that the texture coordinates of each wedge have gathered: steps add up like independent errors.
+    /// Empty if there is no limit.
+    texture_drift_sq: Vec<f32>,
     /// Values of the wedges around the collapse about to be made.
     pending: Pending,
 }
@@ -104,6 +113,8 @@ struct Pending {
     values: Vec<f32>,
     /// Of each attribute.
     errors: Vec<f64>,
+    /// Squared error that the texture coordinates of each wedge will have gathered; empty if there is no limit.
+    texture_drift_sq: Vec<f32>,
     slopes: Vec<(DVec3, f64)>,
     value: Vec<f32>,
 }
@@ -113,6 +124,7 @@ impl Pending {
         self.wedges.clear();
         self.values.clear();
         self.errors.clear();
+        self.texture_drift_sq.clear();
     }
 }
 
@@ -156,6 +168,8 @@ impl AttributeMetric {
             sums: Vec::new(),
             wedge_of: Vec::new(),
             texture_may_fold: options.texture_may_fold,
+            texture_limit_sq: options.max_texture_error.map(|most| most * most),
+            texture_drift_sq: vec![0.0; if options.max_texture_error.is_some() { mesh.wedge_count() } else { 0 }],
             pending: Pending::default(),
             attributes,
             channels,
@@ -400,6 +414,8 @@ impl AttributeMetric {
         pending.clear();
         pending.wedges.extend(ends.wedges.iter().map(|&(wedge, _)| wedge));
         pending.values.resize(ends.wedges.len() * self.channels, 0.0);
+        let limited = if self.texture_drift_sq.is_empty() { 0 } else { ends.wedges.len() };
+        pending.texture_drift_sq.resize(limited, 0.0);
         let kept_end = edge.points.iter().position(|&end| end == place);
         for attribute in &self.attributes {
             let label = self.shared(attribute, &ends);
@@ -412,8 +428,17 @@ impl AttributeMetric {
                 pending.slopes.clear();
                 let group_area =
                     self.add_group(&mut q, attribute, &members, edge.points, |slope| pending.slopes.push(slope));
-                squared += q.at(place).max(0.0);
+                let group_squared = q.at(place).max(0.0);
+                squared += group_squared;
                 area += group_area;
+                if limited > 0 && attribute.is_texture() && group_area > 0.0 {
+                    let step = group_squared / (group_area * attribute.weight * attribute.weight);
+                    let before = members.clone().map(|(w, _)| self.texture_drift_sq[w as usize]).fold(0.0, f32::max);
+                    for i in places.clone() {
+                        let gathered = &mut pending.texture_drift_sq[i];
+                        *gathered = gathered.max(before + step as f32);
+                    }
+                }
                 let at_end = kept_end.and_then(|end| members.clone().find(|&(_, e)| usize::from(e) == end));
                 pending.value.clear();
                 for (j, &(slope, offset)) in attribute.range().zip(&pending.slopes) {
@@ -467,8 +492,7 @@ impl AttributeMetric {
 
     /// Whether a triangle that stays would be turned over in the texture.
     fn folds_texture(&self, edge: &EdgeContext, rings: [&[RingFace]; 2]) -> bool {
-        let is_texture = |a: &&Channels| matches!(a.semantic, Semantic::TexCoord(_)) && a.count == 2;
-        self.attributes.iter().filter(is_texture).any(|attribute| {
+        self.attributes.iter().filter(|a| a.is_texture()).any(|attribute| {
             rings.into_iter().enumerate().any(|(end, ring)| {
                 ring.iter().filter(|face| face.x != edge.ends[1 - end] && face.y != edge.ends[1 - end]).any(|face| {
                     let own = self.corners.at(face, edge.ends[end]);
@@ -569,7 +593,9 @@ impl Metric for AttributeMetric {
     ) -> Option<DVec3> {
         let place = self.surface.refine_with(&self.quadric(mesh, edge), mesh, edge, candidate.position, rings);
         self.predict(edge, rings, place);
-        (self.texture_may_fold || !self.folds_texture(edge, rings)).then_some(place)
+        let gathered = self.pending.texture_drift_sq.iter().copied().fold(0.0, f32::max);
+        let is_off = self.texture_limit_sq.is_some_and(|most| f64::from(gathered) > most);
+        (!is_off && (self.texture_may_fold || !self.folds_texture(edge, rings))).then_some(place)
     }
 
     fn on_collapse(&mut self, collapse: &Collapse<'_>) {
@@ -579,6 +605,9 @@ impl Metric for AttributeMetric {
             let values = &self.pending.values[i * self.channels..][..self.channels];
             self.values[into * self.channels..][..self.channels].copy_from_slice(values);
             self.changed[into] = true;
+            if let Some(&gathered) = self.pending.texture_drift_sq.get(i) {
+                self.texture_drift_sq[into] = self.texture_drift_sq[into].max(gathered);
+            }
         }
         for (attribute, &error) in self.attributes.iter_mut().zip(&self.pending.errors) {
             attribute.error = attribute.error.max(error);

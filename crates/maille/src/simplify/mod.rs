@@ -395,6 +395,9 @@ fn check_options(mesh: &Mesh, options: &SimplifyOptions) -> Result<(), SimplifyE
     if !options.cluster_first.is_none_or(|multiple| multiple > 1.0 && multiple.is_finite()) {
         return invalid("cluster_first", "must be more than 1");
     }
+    if !options.max_texture_error.is_none_or(positive) {
+        return invalid("max_texture_error", "must be finite and not negative");
+    }
     if options.max_influences == Some(0) {
         return invalid("max_influences", "at least one joint must move a wedge");
     }

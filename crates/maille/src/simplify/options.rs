@@ -271,6 +271,10 @@ pub struct SimplifyOptions {
     pub attributes: AttributeWeights,
     /// Whether triangles may be turned over in the texture, where texture coordinates count.
     pub texture_may_fold: bool,
+    /// Refuse collapses after which texture coordinates that count are off by more than this, by the estimate of the
+    /// metric: root of the mean square around the vertex, in units of texture coordinates; steps add up as independent
+    /// errors do. `None`: allow all.
+    pub max_texture_error: Option<f64>,
     /// In which order edges collapse.
     pub order: Order,
     /// Open borders.
@@ -340,6 +344,7 @@ impl Default for SimplifyOptions {
             placement: PlacementKind::default(),
             attributes: AttributeWeights::default(),
             texture_may_fold: false,
+            max_texture_error: None,
             order: Order::default(),
             boundary: EdgePolicy::default(),
             seams: EdgePolicy::Hold,
@@ -395,7 +400,7 @@ pub struct Refusals {
     pub valence: u64,
     /// By the quality of triangles.
     pub quality: u64,
-    /// Because a triangle would be turned over in the texture.
+    /// Because a triangle would be turned over in the texture, or the texture would slip too far.
     pub texture: u64,
     /// Because the surface would have passed through itself.
     pub self_intersections: u64,

@@ -158,6 +158,7 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
         weld: args.preset == Preset::Aggressive,
         budget,
         attribute_weights,
+        max_texel_error: args.max_texel_error,
         importance: args.importance.clone(),
         lock: args.lock.clone(),
         refit,
@@ -347,7 +348,7 @@ impl Done {
             barrier(refused.locked, "between locked vertices", &unlocked),
             barrier(refused.valence, "for the valence", "a wider --valence"),
             barrier(refused.quality, "for the quality of triangles", "a lower --min-quality"),
-            barrier(refused.texture, "for fold-over in the texture", "--texture-may-fold"),
+            barrier(refused.texture, "for the texture", "--texture-may-fold, or a larger --max-texel-error"),
             barrier(refused.self_intersections, "for self-intersections", "without --no-self-intersections"),
         ];
         let mut found: Vec<Barrier> = all.into_iter().filter(|barrier| barrier.refused > 0).collect();

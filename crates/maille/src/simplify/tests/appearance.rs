@@ -185,6 +185,31 @@ fn a_seam_of_the_texture_is_no_crease_and_nothing_folds() {
     }
 }
 
+#[test]
+fn a_texture_slips_no_further_than_it_may() {
+    // waves both ways: coarse triangles cannot follow them
+    let mut mesh = shapes::grid(48);
+    let uv =
+        mesh.positions.iter().flat_map(|p| [p[0] + 0.02 * (30.0 * p[0]).sin() * (30.0 * p[1]).sin(), p[1]]).collect();
+    mesh.wedge_attributes.push(Attribute::new_f32(Semantic::TexCoord(0), 2, uv));
+    let most = 0.002;
+    let (small, report) = reduced(&mesh, &SimplifyOptions { max_texture_error: Some(most), ..to(100) });
+    assert!(report.stopped == Stop::NoLegalCollapse && report.refused.texture > 0, "{report:?}");
+    assert!(report.attributes[0].error <= most && small.triangle_count() < mesh.triangle_count() / 2, "{report:?}");
+    let tree = crate::measure::Bvh::new(&small);
+    for (w, p) in mesh.positions.iter().enumerate() {
+        let near = tree.closest(Vec3::from(*p).as_dvec3()).unwrap();
+        let corners = small.triangles[near.triangle as usize];
+        let found: Vec2 = (0..3)
+            .map(|k| Vec2::from_slice(value(texcoords(&small), corners[k] as usize)) * near.barycentric[k] as f32)
+            .sum();
+        let off = (found - Vec2::from_slice(value(texcoords(&mesh), w))).length();
+        assert!(f64::from(off) < 6.0 * most, "{off} at {p:?}");
+    }
+    let (free, _) = reduced(&mesh, &to(100));
+    assert!(free.triangle_count() <= 100);
+}
+
 fn texcoords(mesh: &Mesh) -> &Attribute {
     mesh.wedge_attribute(&Semantic::TexCoord(0)).expect("made with texture coordinates")
 }
