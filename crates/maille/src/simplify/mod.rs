@@ -138,7 +138,12 @@ pub fn simplify(
             valence: options.valence,
             min_quality: options.min_quality,
             no_self_intersections: options.no_self_intersections,
-            max_error_sq: options.target.max_error.map(|e| (e / frame.unit()).powi(2)),
+            // who limits how far a texture slips does not want parts to vanish instead: that is for limited errors
+            max_error_sq: options
+                .target
+                .max_error
+                .map(|e| (e / frame.unit()).powi(2))
+                .or(options.max_texture_error.map(|_| f64::INFINITY)),
         },
         importance: &options.importance,
         strictness: &options.strictness,
