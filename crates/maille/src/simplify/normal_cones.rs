@@ -33,7 +33,8 @@ impl Cone {
         if self.is_empty() || other.is_empty() {
             return if self.is_empty() { *other } else { *self };
         }
-        let (a, b) = (self.axis.as_dvec3(), other.axis.as_dvec3());
+        // as stored they are not quite of length 1, which shows in `across` where the two are nearly opposite
+        let (a, b) = (self.axis.as_dvec3().normalize(), other.axis.as_dvec3().normalize());
         let (near, far) = (f64::from(self.angle), f64::from(other.angle));
         let between = angle_between(a, b);
         if between + far <= near {
