@@ -8,7 +8,7 @@ use super::options::{NormalPolicy, SimplifyOptions};
 use crate::mesh::{Attribute, Mesh, Semantic, Values};
 use crate::topology::CollapseMesh;
 
-/// The attributes of a mesh under simplification: those of wedges that become one ([`Corners`]) are blended.
+/// The attributes of a mesh under simplification: those of wedges that become one are blended.
 #[derive(Debug)]
 pub struct WedgeMerger<'a> {
     corners: Corners,
