@@ -571,9 +571,9 @@ impl Metric for AttributeMetric {
             sums.par_chunks_exact_mut(self.stride()).zip(0..mesh.vertex_count() as u32).for_each(|(sums, vertex)| {
                 mesh.faces_around(vertex).for_each(|face| self.add_face(mesh, vertex, &face, sums));
             });
-            self.sums = sums;
-        } else {
-            self.sums = sums;
+        }
+        self.sums = sums;
+        if !self.corners.are_plain() {
             self.wedge_of = vec![SEVERAL; mesh.vertex_count()];
             (0..mesh.vertex_count() as u32).for_each(|vertex| self.rebuild(mesh, vertex));
         }

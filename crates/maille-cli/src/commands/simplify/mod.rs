@@ -202,6 +202,9 @@ pub(crate) fn refusal(path: &Path, error: &ProcessError) -> Failure {
         ProcessError::Mesh { error: SimplifyError::NotFinite { .. }, .. } => {
             Failure::Refused(format!("cannot simplify {path}: {error} (maille repair {path} -o OUT --all)"))
         }
+        ProcessError::NoTexture => {
+            Failure::Refused(format!("cannot simplify {path}: {error} (leave out --max-texel-error)"))
+        }
         _ => Failure::Refused(format!("cannot simplify {path}: {error}")),
     }
 }
