@@ -198,7 +198,7 @@ pub(super) const FLAT: f64 = 1e-7;
 
 /// How many times the least cost a placement that keeps the volume may cost. By measurement: without a limit, very
 /// coarse levels get worse (a plane fitted to bent stars of few faces says little).
-const VOLUME_PRICE: f64 = 1.5;
+pub(super) const VOLUME_PRICE: f64 = 1.5;
 
 /// What the summed quadrics count in the cost, of what the rebuilt ones do, where both are kept. By measurement: with 1,
 /// errors are 2 to 3 % larger on scans, with 0.1, coarse levels of folded surfaces (a brain) get worse, and without them

@@ -31,6 +31,7 @@ mod driver;
 mod features;
 mod legality;
 mod lindstrom_turk;
+mod local_quadric;
 mod metric;
 mod normal_cones;
 mod options;
@@ -153,17 +154,40 @@ pub fn simplify(
         pairs::close_pairs(&positions, distance, parts.as_deref())
     });
     let mut done = Done::default();
-    let (importance, strictness);
+    let (rest, mut left_options);
+    let mut options = &options;
     let mut faces = match &mut surface_metric {
-        Some(metric) if wants_passes(&options) => {
-            let new_surface = || Surface::new(frame, positions, &triangles, &wedges, &options);
+        Some(metric) if wants_passes(options) && triangles.len() >= passes::FEWEST && passes::know(&metric.options) => {
+            let vertices = positions.len();
+            let new_surface = || Surface::new(frame, positions, &triangles, &wedges, options);
             let mut surface = control.time("preparing", new_surface);
             drop(triangles);
             let observer = if wedges.is_idle() { None } else { Some(&mut wedges) };
-            done = control.time("passes", || collapse_in_passes(&mut surface, metric, observer, &request, control))?;
+            let passes = || collapse_in_passes(&mut surface, &metric.options, observer, &request, control);
+            done = control.time("passes", passes)?;
             let faces;
-            (faces, importance, strictness) = control.time("preparing", || surface.into_collapse_mesh(triangles_in));
-            (request.importance, request.strictness) = (&importance, &strictness);
+            if wedges.is_bare() {
+                let (mut left_mesh, left) = surface.into_mesh();
+                left_options = options.clone();
+                if !options.locked.is_empty() {
+                    left_options.locked = left.origin.iter().map(|&v| options.locked[v as usize]).collect();
+                }
+                options = &left_options;
+                if left_mesh.triangle_count() <= request.target_faces {
+                    *mesh = left_mesh;
+                    return Ok(report_of(triangles_in, mesh, done.outcome(), options, &frame));
+                }
+                let positions = std::mem::take(&mut left_mesh.positions);
+                let triangles = left_mesh.triangles.clone();
+                wedges = WedgeMerger::new(left_mesh, options);
+                faces = CollapseMesh::in_frame(frame, positions, triangles.into_iter());
+                rest = left;
+            } else {
+                (faces, rest) = control.time("preparing", || surface.into_collapse_mesh(vertices, triangles_in));
+            }
+            metric.sums = rest.sums;
+            metric.drift_sq = rest.drift_sq;
+            (request.importance, request.strictness) = (&rest.importance, &rest.strictness);
             faces
         }
         _ => control.time("preparing", || CollapseMesh::in_frame(frame, positions, triangles.into_iter())),
@@ -171,7 +195,7 @@ pub fn simplify(
     if let Some(close) = close {
         faces.add_pairs(&close);
     }
-    let mut features = Features::new(&wedges, &faces, &options);
+    let mut features = Features::new(&wedges, &faces, options);
     let outcome = control.time("queue", || match (surface_metric, &mut appearance) {
         (Some(mut metric), _) => collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control),
         (None, Some(metric)) => collapse_edges(&mut faces, metric, &mut features, &mut wedges, &request, control),
@@ -188,24 +212,35 @@ pub fn simplify(
         metric.give_values(wedges.mesh_mut());
     }
     *mesh = control.time("finishing", || wedges.finish(faces));
+    let outcome = done.and(outcome);
+    let attributes = appearance.map_or_else(Vec::new, |metric| metric.errors());
+    Ok(SimplifyReport { attributes, ..report_of(triangles_in, mesh, outcome, options, &frame) })
+}
+
+/// What to tell of a simplification to a mesh.
+fn report_of(
+    triangles_in: usize,
+    mesh: &Mesh,
+    outcome: Outcome,
+    options: &SimplifyOptions,
+    frame: &Frame,
+) -> SimplifyReport {
     let unit = frame.unit().powi(options.metric.cost_power(options.quadric_weight));
-    let mut curve = done.curve;
-    let highest = curve.last().map_or(0.0, |last: &CurvePoint| last.cost);
-    curve.extend(outcome.curve.iter().map(|point| CurvePoint { cost: point.cost.max(highest), ..*point }));
+    let mut curve = outcome.curve;
     curve.iter_mut().for_each(|point| point.cost *= unit);
-    Ok(SimplifyReport {
+    SimplifyReport {
         triangles_in,
         triangles_out: mesh.triangle_count(),
-        collapses: done.collapses + outcome.collapses,
-        error: done.error.max(outcome.error),
+        collapses: outcome.collapses,
+        error: outcome.error,
         curve,
-        attributes: appearance.map_or_else(Vec::new, |metric| metric.errors()),
+        attributes: Vec::new(),
         stopped: match outcome.stopped {
             Stop::Triangles if options.target.triangles.is_none() => Stop::Exhausted,
             stopped => stopped,
         },
         refused: outcome.refused,
-    })
+    }
 }
 
 /// A mesh whose vertices have been clustered before edges collapse.

@@ -103,6 +103,16 @@ impl Around {
         around
     }
 
+    /// These, at most [`MOST`].
+    #[inline]
+    pub(crate) fn of_ring(ring: &[u32]) -> Self {
+        let mut around = Self { vertices: [u32::MAX; MOST], len: ring.len() };
+        for (vertex, &v) in around.vertices.iter_mut().zip(ring) {
+            *vertex = v;
+        }
+        around
+    }
+
     /// The neighbours of a vertex that faces go all around, wound alike; `None` when that is not so, when there are more
     /// than [`MOST`], or when an edge has more than two faces. Faces are given by the vertices after and before theirs.
     #[inline]
@@ -122,7 +132,7 @@ impl Around {
 
     /// How many pairs of equal vertices there are in two lists. Compared eight at a time without branches.
     #[inline]
-    fn count(&self, other: &Self) -> u32 {
+    pub(crate) fn count(&self, other: &Self) -> u32 {
         let mut equal = [0; 8];
         for &v in &other.vertices[..other.len] {
             for eight in self.vertices.as_chunks::<8>().0.iter().take(self.len.div_ceil(8)) {
