@@ -2,7 +2,7 @@
 
 mod attribute;
 mod normals;
-mod order;
+pub(crate) mod order;
 pub mod shapes;
 mod tangents;
 mod weld;

@@ -17,16 +17,16 @@ impl Mesh {
     /// neighbour run several times as fast. Not finite positions come last. Linear.
     pub fn sort_spatially(&mut self) -> Vec<u32> {
         let vertices = curve_order(&self.positions);
-        let ranks = inverse(&vertices);
+        let vertex_ranks = ranks(&vertices);
         for v in &mut self.wedge_vertices {
-            *v = ranks[*v as usize];
+            *v = vertex_ranks[*v as usize];
         }
         self.gather_vertices(&vertices);
         let wedges = sorted_by_key(self.wedge_count(), |w| self.wedge_vertices[w]);
-        let ranks = inverse(&wedges);
+        let wedge_ranks = ranks(&wedges);
         self.gather_wedges(&wedges);
         for w in self.triangles.iter_mut().flatten() {
-            *w = ranks[*w as usize];
+            *w = wedge_ranks[*w as usize];
         }
         // wedges are sorted by vertex, so the lowest wedge stands for the lowest vertex
         let triangles = sorted_by_key(self.triangle_count(), |t| {
@@ -39,7 +39,7 @@ impl Mesh {
 }
 
 /// Positions in the order in which the curve visits them.
-fn curve_order(positions: &[[f32; 3]]) -> Vec<u32> {
+pub(crate) fn curve_order(positions: &[[f32; 3]]) -> Vec<u32> {
     let finite = positions.iter().map(|&p| Vec3::from(p)).filter(|p| p.is_finite());
     let (low, high) = finite.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
     let extent = (high.as_dvec3() - low.as_dvec3()).max_element();
@@ -71,7 +71,8 @@ fn sorted_by_key(count: usize, key: impl Fn(usize) -> u32 + Sync) -> Vec<u32> {
     entries.into_iter().map(|entry| entry as u32).collect()
 }
 
-fn inverse(order: &[u32]) -> Vec<u32> {
+/// The place of each element in an order.
+pub(crate) fn ranks(order: &[u32]) -> Vec<u32> {
     let mut ranks = vec![0; order.len()];
     for (rank, &i) in order.iter().enumerate() {
         ranks[i as usize] = rank as u32;

@@ -43,7 +43,9 @@ const FLAT: f32 = 1e-8;
 const REACH: f32 = 2.0;
 
 /// One number, or one for each of four edges.
-pub(super) trait Lane: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + std::ops::Div<Output = Self> {
+pub(super) trait Lane:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + std::ops::Div<Output = Self>
+{
     /// The same number everywhere.
     fn splat(x: f32) -> Self;
 }
@@ -258,7 +260,14 @@ impl EdgeQuadric<f32> {
 
     /// The placement nearest in value to `place` among those on the plane `flux . p = level`, if it costs at most
     /// `price` times as much.
-    pub(super) fn on_plane(&self, half: [f32; 3], place: &Place, flux: [f32; 3], level: f32, price: f32) -> Option<Place> {
+    pub(super) fn on_plane(
+        &self,
+        half: [f32; 3],
+        place: &Place,
+        flux: [f32; 3],
+        level: f32,
+        price: f32,
+    ) -> Option<Place> {
         let across = self.factors().solve(flux);
         let slope = dot(flux, across);
         let length_sq = 4.0 * dot(half, half);

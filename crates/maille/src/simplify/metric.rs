@@ -178,10 +178,10 @@ pub struct QuadricMetric {
     /// Of each vertex, the planes of the faces around it as they are now; empty where quadrics are only summed.
     rebuilt: Vec<Quadric>,
     /// Of each vertex, the sum of all that it has merged with; empty where quadrics are only rebuilt.
-    pub(super) sums: Vec<Quadric>,
+    sums: Vec<Quadric>,
     /// Squared distance from the original that the vertices have gone: what memoryless quadrics do not know. Steps add
     /// up like independent errors. Empty where sums are kept.
-    pub(super) drift_sq: Vec<f32>,
+    drift_sq: Vec<f32>,
     /// What the sums count in the cost where quadrics are rebuilt as well.
     remembered: f64,
     /// Used up, quadrics at vertices of very many faces stay as they are.
@@ -222,6 +222,11 @@ impl QuadricMetric {
             remembered: REMEMBERED,
             patience: Patience::default(),
         }
+    }
+
+    /// Goes on with what vertices have merged already: the planes of faces, summed, or how far they have gone.
+    pub(super) fn start_with(&mut self, sums: Vec<Quadric>, drift_sq: Vec<f32>) {
+        (self.sums, self.drift_sq) = (sums, drift_sq);
     }
 
     /// The quadric of a vertex from the faces around it, and how many they are.
@@ -350,21 +355,6 @@ impl QuadricOptions {
         sum
     }
 
-    /// The same from the numbers of the corners.
-    #[inline]
-    pub(super) fn planes_at(
-        &self,
-        p: DVec3,
-        faces: impl Iterator<Item = [u32; 2]>,
-        point: impl Fn(u32) -> DVec3,
-    ) -> Quadric {
-        if self.is_plain() {
-            self.planes::<true>(p, faces.map(|corners| corners.map(&point)))
-        } else {
-            self.planes::<false>(p, faces.map(|corners| corners.map(&point)))
-        }
-    }
-
     /// What a face counts at a corner: `length` is that of the product of the sides there.
     #[inline]
     fn weight_of(&self, length: f64, [to_x, to_y]: [DVec3; 2]) -> f64 {
@@ -373,30 +363,6 @@ impl QuadricOptions {
             QuadricWeight::Area => length / 2.0,
             QuadricWeight::AreaSquared => length * length / 4.0,
             QuadricWeight::Angle => to_x.angle_between(to_y),
-        }
-    }
-
-    /// The quadrics of the plane of a face for each of its corners; without [`line`](Self::line), which belongs to the
-    /// vertex as a whole.
-    #[inline]
-    pub(super) fn face_planes(&self, [a, b, c]: [DVec3; 3]) -> [Quadric; 3] {
-        let scaled_normal = (b - a).cross(c - a);
-        let length = scaled_normal.length();
-        if length <= 0.0 {
-            return [Quadric::default(); 3];
-        }
-        let normal = scaled_normal / length;
-        let corners = [[a, b, c], [b, c, a], [c, a, b]];
-        if self.face != FaceQuadric::Plane {
-            return corners.map(|corners @ [p, x, y]| {
-                self.face.uncertain(corners, normal, self.weight_of(length, [x - p, y - p]), self.weight)
-            });
-        }
-        match self.weight {
-            QuadricWeight::Angle => {
-                corners.map(|[p, x, y]| Quadric::plane(normal, p, self.weight_of(length, [x - p, y - p])))
-            }
-            _ => [Quadric::plane(normal, a, self.weight_of(length, [b - a, c - a])); 3],
         }
     }
 

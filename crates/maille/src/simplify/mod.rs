@@ -62,10 +62,13 @@ pub use quadric::Quadric;
 pub use uncertain::FaceQuadric;
 pub use wedges::WedgeMerger;
 
+use rayon::prelude::*;
+
 use crate::cluster::{ClusterOptions, ClusterReport, cluster_mapped};
 use crate::topology::collapse_mesh::Frame;
 use crate::topology::{CollapseMesh, UnionFind};
 
+use crate::mesh::order::{curve_order, ranks};
 use crate::{Control, Mesh};
 use attributes::AttributeMetric;
 use passes::{Done, Surface, collapse_in_passes};
@@ -109,25 +112,153 @@ pub fn simplify(
         return clustered.collapse(mesh, options, control);
     }
     let triangles_in = mesh.triangle_count();
-    let (mut work, mut options) = control.time("sorting", || sorted(mesh, options));
-    let frame = Frame::of(&work.positions);
-    let quadric = quadric_options(&options, || mean_edge(&frame, &work));
+    let frame = Frame::of(&mesh.positions);
+    let quadric = quadric_options(options, || mean_edge(&frame, mesh));
+    let in_passes =
+        quadric.filter(|quadric| wants_passes(options) && triangles_in >= passes::FEWEST && passes::know(quadric));
+    let passed = match in_passes.filter(|_| is_bare(mesh)) {
+        Some(quadric) => Some(pass_over_bare(mesh, options, quadric, frame, control)?),
+        None => None,
+    };
+    let target = options.target.triangles.unwrap_or(1);
+    let (mut done, mut surface_metric) = (Done::default(), None);
+    let (mut work, mut options) = match passed {
+        Some(passed) if passed.mesh.triangle_count() <= target => {
+            *mesh = passed.mesh;
+            return Ok(report_of(triangles_in, mesh, passed.done.outcome(), options, &frame));
+        }
+        Some(passed) => {
+            (done, surface_metric) = (passed.done, Some(passed.metric));
+            (passed.mesh, passed.options)
+        }
+        None => control.time("sorting", || sorted(mesh, options)),
+    };
+    let is_passed = surface_metric.is_some();
     let mut appearance = quadric.and_then(|quadric| AttributeMetric::new(quadric, &work, &frame, &options));
-    let mut surface_metric = quadric.filter(|_| appearance.is_none()).map(QuadricMetric::new);
+    if appearance.is_none() && !is_passed {
+        surface_metric = quadric.map(QuadricMetric::new);
+    }
     let positions = std::mem::take(&mut work.positions);
     let triangles: Vec<[u32; 3]> = work.triangles.iter().map(|t| t.map(|w| work.wedge_vertices[w as usize])).collect();
-    if options.silhouette_weight > 0.0 {
-        let factors = silhouette::factors(&positions, &triangles, options.silhouette_weight);
-        if options.importance.is_empty() {
-            options.importance = factors;
-        } else {
-            options.importance.iter_mut().zip(factors).for_each(|(importance, factor)| *importance *= factor);
-        }
+    if !is_passed {
+        weigh_silhouettes(&mut options, &positions, &triangles);
     }
+    let options = options;
     let mut wedges = WedgeMerger::new(work, &options);
-    let frame = Frame::of(&positions);
-    let is_bare = wedges.is_idle();
-    let mut request = Request {
+    let has_positions_only = wedges.is_idle();
+    let mut request = request_of(&options, &frame);
+    let close = options.join_distance.map(|distance| {
+        let parts = options.join_parts_only.then(|| parts_of(positions.len(), &triangles));
+        pairs::close_pairs(&positions, distance, parts.as_deref())
+    });
+    let rest;
+    let mut faces = match &mut surface_metric {
+        Some(metric) if in_passes.is_some() && !is_passed => {
+            let vertices = positions.len();
+            let new_surface = || Surface::new(frame, positions, &triangles, Some(&wedges), &options);
+            let mut surface = control.time("preparing", new_surface);
+            drop(triangles);
+            let observer = if wedges.is_idle() { None } else { Some(&mut wedges) };
+            let passes = || collapse_in_passes(&mut surface, &metric.options, observer, &request, control);
+            done = control.time("passes", passes)?;
+            let faces;
+            (faces, rest) = control.time("preparing", || surface.into_collapse_mesh(vertices, triangles_in));
+            metric.start_with(rest.sums, rest.drift_sq);
+            (request.importance, request.strictness) = (&rest.importance, &rest.strictness);
+            faces
+        }
+        _ => control.time("preparing", || CollapseMesh::in_frame(frame, positions, triangles.into_iter())),
+    };
+    if let Some(close) = close {
+        faces.add_pairs(&close);
+    }
+    let mut features = Features::new(&wedges, &faces, &options);
+    let outcome = control.time("queue", || match (surface_metric, &mut appearance) {
+        (Some(mut metric), _) => collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control),
+        (None, Some(metric)) => collapse_edges(&mut faces, metric, &mut features, &mut wedges, &request, control),
+        (None, None) if options.metric == MetricKind::LindstromTurk => {
+            let mut metric = LindstromTurk::new(options.placement, options.constraint_weight, has_positions_only);
+            collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
+        }
+        (None, None) => {
+            let mut metric = ShortestEdge::new(options.placement);
+            collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
+        }
+    })?;
+    if let Some(metric) = &appearance {
+        metric.give_values(wedges.mesh_mut());
+    }
+    *mesh = control.time("finishing", || wedges.finish(faces));
+    let outcome = done.and(outcome);
+    let attributes = appearance.map_or_else(Vec::new, |metric| metric.errors());
+    Ok(SimplifyReport { attributes, ..report_of(triangles_in, mesh, outcome, &options, &frame) })
+}
+
+/// What passes have left of a mesh, and what is to go on with.
+struct Passed {
+    mesh: Mesh,
+    /// With lists for the vertices that are left.
+    options: SimplifyOptions,
+    metric: QuadricMetric,
+    done: Done,
+}
+
+/// Whether a mesh is but positions and triangles.
+fn is_bare(mesh: &Mesh) -> bool {
+    let attributes = [&mesh.wedge_attributes, &mesh.vertex_attributes, &mesh.triangle_attributes];
+    attributes.iter().all(|all| all.is_empty())
+        && mesh.morph_targets.is_empty()
+        && mesh.triangle_materials.is_empty()
+        && mesh.material_names.is_empty()
+        && mesh.wedge_count() == mesh.vertex_count()
+        && mesh.wedge_vertices.iter().zip(0..).all(|(&v, w)| v == w)
+}
+
+/// Passes over a mesh that is but positions and triangles: what they do not need is never made.
+fn pass_over_bare(
+    mesh: &Mesh,
+    options: &SimplifyOptions,
+    quadric: QuadricOptions,
+    frame: Frame,
+    control: Control<'_>,
+) -> Result<Passed, SimplifyError> {
+    let (positions, triangles, mut options) = control.time("sorting", || {
+        let order = curve_order(&mesh.positions);
+        let ranks = ranks(&order);
+        let positions: Vec<[f32; 3]> = order.iter().map(|&v| mesh.positions[v as usize]).collect();
+        let triangles: Vec<[u32; 3]> = mesh.triangles.par_iter().map(|t| t.map(|v| ranks[v as usize])).collect();
+        (positions, triangles, in_order(options, &order))
+    });
+    weigh_silhouettes(&mut options, &positions, &triangles);
+    let mut surface = control.time("preparing", || Surface::new(frame, positions, &triangles, None, &options));
+    drop(triangles);
+    let request = request_of(&options, &frame);
+    let pass = || collapse_in_passes::<()>(&mut surface, &quadric, None, &request, control);
+    let done = control.time("passes", pass)?;
+    let (mesh, rest) = control.time("finishing", || surface.into_mesh());
+    let mut metric = QuadricMetric::new(quadric);
+    metric.start_with(rest.sums, rest.drift_sq);
+    let mut options = in_order(&options, &rest.origin);
+    (options.importance, options.strictness) = (rest.importance, rest.strictness);
+    Ok(Passed { mesh, options, metric, done })
+}
+
+/// Makes what is likely to be seen as a contour count more, where that is asked for.
+fn weigh_silhouettes(options: &mut SimplifyOptions, positions: &[[f32; 3]], triangles: &[[u32; 3]]) {
+    if options.silhouette_weight <= 0.0 {
+        return;
+    }
+    let factors = silhouette::factors(positions, triangles, options.silhouette_weight);
+    if options.importance.is_empty() {
+        options.importance = factors;
+    } else {
+        options.importance.iter_mut().zip(factors).for_each(|(importance, factor)| *importance *= factor);
+    }
+}
+
+/// What the loops are asked for.
+fn request_of<'a>(options: &'a SimplifyOptions, frame: &Frame) -> Request<'a> {
+    Request {
         order: options.order,
         target_faces: options.target.triangles.unwrap_or(1),
         limits: Limits {
@@ -148,73 +279,7 @@ pub fn simplify(
         },
         importance: &options.importance,
         strictness: &options.strictness,
-    };
-    let close = options.join_distance.map(|distance| {
-        let parts = options.join_parts_only.then(|| parts_of(positions.len(), &triangles));
-        pairs::close_pairs(&positions, distance, parts.as_deref())
-    });
-    let mut done = Done::default();
-    let (rest, mut left_options);
-    let mut options = &options;
-    let mut faces = match &mut surface_metric {
-        Some(metric) if wants_passes(options) && triangles.len() >= passes::FEWEST && passes::know(&metric.options) => {
-            let vertices = positions.len();
-            let new_surface = || Surface::new(frame, positions, &triangles, &wedges, options);
-            let mut surface = control.time("preparing", new_surface);
-            drop(triangles);
-            let observer = if wedges.is_idle() { None } else { Some(&mut wedges) };
-            let passes = || collapse_in_passes(&mut surface, &metric.options, observer, &request, control);
-            done = control.time("passes", passes)?;
-            let faces;
-            if wedges.is_bare() {
-                let (mut left_mesh, left) = surface.into_mesh();
-                left_options = options.clone();
-                if !options.locked.is_empty() {
-                    left_options.locked = left.origin.iter().map(|&v| options.locked[v as usize]).collect();
-                }
-                options = &left_options;
-                if left_mesh.triangle_count() <= request.target_faces {
-                    *mesh = left_mesh;
-                    return Ok(report_of(triangles_in, mesh, done.outcome(), options, &frame));
-                }
-                let positions = std::mem::take(&mut left_mesh.positions);
-                let triangles = left_mesh.triangles.clone();
-                wedges = WedgeMerger::new(left_mesh, options);
-                faces = CollapseMesh::in_frame(frame, positions, triangles.into_iter());
-                rest = left;
-            } else {
-                (faces, rest) = control.time("preparing", || surface.into_collapse_mesh(vertices, triangles_in));
-            }
-            metric.sums = rest.sums;
-            metric.drift_sq = rest.drift_sq;
-            (request.importance, request.strictness) = (&rest.importance, &rest.strictness);
-            faces
-        }
-        _ => control.time("preparing", || CollapseMesh::in_frame(frame, positions, triangles.into_iter())),
-    };
-    if let Some(close) = close {
-        faces.add_pairs(&close);
     }
-    let mut features = Features::new(&wedges, &faces, options);
-    let outcome = control.time("queue", || match (surface_metric, &mut appearance) {
-        (Some(mut metric), _) => collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control),
-        (None, Some(metric)) => collapse_edges(&mut faces, metric, &mut features, &mut wedges, &request, control),
-        (None, None) if options.metric == MetricKind::LindstromTurk => {
-            let mut metric = LindstromTurk::new(options.placement, options.constraint_weight, is_bare);
-            collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
-        }
-        (None, None) => {
-            let mut metric = ShortestEdge::new(options.placement);
-            collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
-        }
-    })?;
-    if let Some(metric) = &appearance {
-        metric.give_values(wedges.mesh_mut());
-    }
-    *mesh = control.time("finishing", || wedges.finish(faces));
-    let outcome = done.and(outcome);
-    let attributes = appearance.map_or_else(Vec::new, |metric| metric.errors());
-    Ok(SimplifyReport { attributes, ..report_of(triangles_in, mesh, outcome, options, &frame) })
 }
 
 /// What to tell of a simplification to a mesh.
@@ -325,18 +390,23 @@ fn wants_passes(options: &SimplifyOptions) -> bool {
 /// Neighbours that are near in memory are worth more than any other choice of layout; input that is in order already
 /// loses little.
 fn sorted(mesh: &Mesh, options: &SimplifyOptions) -> (Mesh, SimplifyOptions) {
-    let (mut mesh, mut options) = (mesh.clone(), options.clone());
+    let mut mesh = mesh.clone();
     let order = mesh.sort_spatially();
-    if !options.locked.is_empty() {
-        options.locked = order.iter().map(|&v| options.locked[v as usize]).collect();
+    (mesh, in_order(options, &order))
+}
+
+/// The options with their lists in the order of the vertices.
+fn in_order(options: &SimplifyOptions, order: &[u32]) -> SimplifyOptions {
+    fn gathered<T: Copy>(values: &[T], order: &[u32]) -> Vec<T> {
+        let places = if values.is_empty() { &[] } else { order };
+        places.iter().map(|&v| values[v as usize]).collect()
     }
-    if !options.strictness.is_empty() {
-        options.strictness = order.iter().map(|&v| options.strictness[v as usize]).collect();
+    SimplifyOptions {
+        locked: gathered(&options.locked, order),
+        strictness: gathered(&options.strictness, order),
+        importance: gathered(&options.importance, order),
+        ..options.clone()
     }
-    if !options.importance.is_empty() {
-        options.importance = order.iter().map(|&v| options.importance[v as usize]).collect();
-    }
-    (mesh, options)
 }
 
 /// The mean length of the triangles' edges, in the frame.

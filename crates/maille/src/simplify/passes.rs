@@ -15,31 +15,37 @@ use wide::f32x4;
 
 use super::driver::{Observer, Outcome, Request};
 use super::legality::{Collapse, Limits, strictest};
-use super::local_quadric::{
-    EdgeQuadric, LocalPlanes, LocalQuadric, Place, axes, cross, dot, minus, scaled, shortness,
-};
+use super::local_quadric::{EdgeQuadric, LocalPlanes, LocalQuadric, Place, axes, cross, dot, minus, scaled, shortness};
 use super::metric::{QuadricMemory, QuadricOptions, REMEMBERED, VOLUME_PRICE};
 use super::options::{CurvePoint, PlacementKind, QuadricWeight, Refusals, SimplifyOptions, Stop};
 use super::quadric::Quadric;
 use super::wedges::WedgeMerger;
-use crate::{Control, Mesh};
 use crate::control::Cancelled;
-use crate::topology::{CollapseMesh, EdgeStar};
 use crate::topology::collapse_mesh::{Frame, RingFace};
 use crate::topology::edge_star::Around;
 use crate::topology::fans::{Cut, Fans, FansPart, MOST_FACES, MergedRing, Spoke};
+use crate::topology::{CollapseMesh, EdgeStar};
+use crate::{Control, Mesh};
 
-/// Vertices of a part. Fewer fit better into the caches, but more edges are lost to the cuts.
-const PART: usize = 1 << 12;
+/// Vertices of a part: two to this power. Fewer fit better into the caches, but more edges are lost to the cuts.
+const PART: u32 = 12;
+
+/// Share of the edges that the cuts must leave: with fewer, parts become larger. That is so where surfaces lie close to one
+/// another (a brain).
+const LEFT_BY_CUTS: f64 = 0.75;
 
 /// Largest share of the vertices that one pass is to take.
-const STEP: f64 = 0.5;
+const STEP: f64 = 0.7;
 
 /// How many edges there are below the cost at which a pass ends, for each vertex that it is to take.
 const TRIES: f64 = 3.0;
 
-/// Times the target at which one part becomes the whole: from there on the order shows in the result.
-const WHOLE: f64 = 1.5;
+/// How far above the target one part becomes the whole, as a share of the target: from there on the order shows in the
+/// result.
+const WHOLE: f64 = 0.25;
+
+/// The same as a share of all that goes, if that is less.
+const WHOLE_OF_ALL: f64 = 0.15;
 
 /// How far beyond its goal a pass may go.
 const QUOTA: f64 = 1.2;
@@ -93,7 +99,7 @@ impl Done {
 
     /// With what was done after it.
     pub(super) fn and(self, mut later: Outcome) -> Outcome {
-        let highest = self.curve.last().map_or(0.0, |last| last.cost);
+        let highest = self.highest_cost();
         later.curve.iter_mut().for_each(|point| point.cost = point.cost.max(highest));
         later.curve.splice(..0, self.curve);
         later.collapses += self.collapses;
@@ -101,9 +107,15 @@ impl Done {
         later
     }
 
-    fn add(&mut self, other: &Self) {
+    fn add(&mut self, other: Self) {
         self.collapses += other.collapses;
         self.error = self.error.max(other.error);
+        let highest = self.highest_cost();
+        self.curve.extend(other.curve.into_iter().map(|point| CurvePoint { cost: point.cost.max(highest), ..point }));
+    }
+
+    fn highest_cost(&self) -> f64 {
+        self.curve.last().map_or(0.0, |last| last.cost)
     }
 }
 
@@ -133,9 +145,11 @@ pub(super) fn collapse_in_passes<O: Observer>(
     surface.start_quadrics(&rules);
     let target = request.target_faces.max(LAST);
     let end = if stuck == 0 { target } else { 2 * target + stuck };
-    let whole = ((end as f64 * WHOLE) as usize).max(FEWEST);
+    let extra = (end as f64 * WHOLE).min(start.saturating_sub(end) as f64 * WHOLE_OF_ALL);
+    let whole = (end + extra as usize).max(FEWEST);
     let mut faces = start;
-    let (mut most, mut rise, mut tries) = (0.0_f32, 1.0, TRIES);
+    let mut part_bits = PART;
+    let (mut most, mut tries) = (0.0_f32, TRIES);
     for pass in 0_usize.. {
         control.report("collapsing edges", (start - faces) as f32 / (start - target.min(start)).max(1) as f32);
         if control.is_cancelled() {
@@ -144,44 +158,50 @@ pub(super) fn collapse_in_passes<O: Observer>(
         if faces <= end {
             break;
         }
-        let is_last = faces <= whole + whole / 8;
+        let is_last = faces <= whole + whole / 5;
         let cut = match (is_last, pass % 2) {
             (true, _) => Cut::one(surface.positions.len()),
-            (false, 0) => Cut { first: PART, size: PART },
-            (false, _) => Cut { first: PART / 2, size: PART },
+            (false, odd) => Cut::new(part_bits, odd == 1),
         };
         surface.compact(cut);
-        let wanted = if is_last { faces - end } else { (faces as f64 * STEP).min((faces - whole) as f64) as usize };
-        // a collapse takes two faces: the last may take one too many
-        let goal = wanted.div_ceil(2) as f64;
         let mut parts = surface.parts();
         let ranked: Vec<Ranked> = parts.par_iter().map(|part| part.rank(&rules)).collect();
         let costs = CostCounts::of(&ranked);
-        most = if is_last { f32::MAX } else { costs.cost_of(goal * tries).max(most * rise) };
+        let known = costs.up_to(f32::INFINITY) / (1.5 * faces as f64);
+        // a collapse takes two faces: the last may take one too many
+        let goal = if is_last {
+            (faces - end).div_ceil(2) as f64
+        } else {
+            (faces as f64 * STEP).min((faces - whole) as f64) / 2.0 * known
+        };
+        most = if is_last { f32::MAX } else { costs.cost_of(goal * tries).max(most) };
         let share = goal / costs.up_to(most).max(1.0);
         let pass = |(part, ranked): (&mut Part<'_>, Ranked), observer: Option<&mut O>| {
             let quota = if is_last { goal } else { QUOTA * share * ranked.up_to(most) };
-            part.collapse(&rules, ranked, most, quota as u64, observer)
+            part.collapse(
+                &rules,
+                ranked,
+                Bounds { most, quota: quota as u64, faces: is_last.then_some(faces) },
+                observer,
+            )
         };
         let results: Vec<Done> = match &mut observer {
             None => parts.par_iter_mut().zip(ranked).map(|work| pass(work, None)).collect(),
             Some(observer) => parts.iter_mut().zip(ranked).map(|work| pass(work, Some(&mut **observer))).collect(),
         };
-        let before = done.collapses;
-        results.iter().for_each(|result| done.add(result));
-        let collapses = done.collapses - before;
+        let collapses: u64 = results.iter().map(|result| result.collapses).sum();
         let left = faces - 2 * collapses as usize;
-        done.curve.push(CurvePoint { triangles: left, cost: f64::from(most.min(f32::MAX)) });
-        if std::env::var("DBG").is_ok() {
-            eprintln!("pass faces {faces} -> {left} goal {goal} most {most:e} edges {} parts {}", costs.up_to(most), parts.len());
+        results.into_iter().for_each(|result| done.add(result));
+        if !is_last {
+            done.curve.push(CurvePoint { triangles: left, cost: f64::from(most) });
         }
         let taken = 1.0 - left as f64 / faces as f64;
         faces = left;
-        if is_last || taken < LEAST {
+        if is_last || taken < LEAST * known {
             break; // most of what is cheap is blocked by now: the queue goes around it
         }
         tries = (tries * goal / collapses as f64).clamp(TRIES / 2.0, TRIES * 2.0);
-        rise = 1.0;
+        part_bits += u32::from(known < LEFT_BY_CUTS);
     }
     surface.compact(Cut::one(surface.positions.len()));
     Ok(done)
@@ -210,7 +230,7 @@ impl CostCounts {
             sum += f64::from(count);
             sum >= edges
         });
-        bucket.map_or(f32::MAX, |bucket| f32::from_bits((bucket as u32 + 1) << SHIFT).min(f32::MAX))
+        bucket.map_or(f32::MAX, |bucket| cost_of(bucket + 1).min(f32::MAX))
     }
 
     /// How many edges cost at most so much.
@@ -228,23 +248,29 @@ fn bucket_of(cost: f32) -> usize {
     (cost.to_bits() >> SHIFT) as usize
 }
 
+/// The lowest cost of a bucket.
+fn cost_of(bucket: usize) -> f32 {
+    f32::from_bits((bucket as u32) << SHIFT)
+}
+
 impl Surface {
-    /// The surface of a mesh whose wedges are with their merger.
+    /// The surface of a mesh whose wedges, if it is more than positions and triangles, are with their merger.
     pub(super) fn new(
         frame: Frame,
         positions: Vec<[f32; 3]>,
         triangles: &[[u32; 3]],
-        wedges: &WedgeMerger<'_>,
+        wedges: Option<&WedgeMerger<'_>>,
         options: &SimplifyOptions,
     ) -> Self {
-        let fans = Fans::new(positions.len(), triangles, Cut { first: PART, size: PART }, !wedges.is_bare());
-        let is_everywhere_smooth = !wedges.have_seams() && !wedges.have_materials();
+        let fans = Fans::new(positions.len(), triangles, Cut::new(PART, false), wedges.is_some());
+        let wedges = wedges.filter(|wedges| wedges.have_seams() || wedges.have_materials());
         let is_plain = |part: &FansPart, v: u32| {
             !options.locked.get(v as usize).is_some_and(|&locked| locked)
                 && part.ring(v).is_some()
-                && (is_everywhere_smooth || is_smooth(&part.around(v).collect::<Vec<_>>(), wedges))
+                && wedges.is_none_or(|wedges| is_smooth(&part.around(v).collect::<Vec<_>>(), wedges))
         };
-        let plain = fans.parts.par_iter().flat_map_iter(|part| part.vertices().map(move |v| is_plain(part, v))).collect();
+        let plain =
+            fans.parts.par_iter().flat_map_iter(|part| part.vertices().map(move |v| is_plain(part, v))).collect();
         Self {
             frame,
             origin: (0..positions.len() as u32).collect(),
@@ -406,19 +432,29 @@ fn planes_around(fans: &FansPart, rules: &Rules, point: impl Fn(u32) -> Option<[
     let vertices = fans.vertices();
     for v in vertices.clone() {
         let Some(p) = point(v) else { continue };
-        for Spoke { x, y, .. } in fans.around(v) {
+        let mut add = |x: u32, y: u32| {
             let is_inside = vertices.contains(&x) & vertices.contains(&y);
             // a face inside the part is looked at once, another one at each of its vertices in the part
             if is_inside & ((x < v) | (y < v)) {
-                continue;
+                return;
             }
-            let (Some(to_x), Some(to_y)) = (point(x), point(y)) else { continue };
+            let (Some(to_x), Some(to_y)) = (point(x), point(y)) else { return };
             let planes = rules.planes_of_face(cross(rules.between(p, to_x), rules.between(p, to_y)));
             sums[(v - fans.start) as usize] += planes;
             if is_inside {
                 sums[(x - fans.start) as usize] += planes;
                 sums[(y - fans.start) as usize] += planes;
             }
+        };
+        match fans.ring(v) {
+            Some(ring @ [.., last]) => {
+                let mut x = *last;
+                for &y in ring {
+                    add(x, y);
+                    x = y;
+                }
+            }
+            _ => fans.around(v).for_each(|Spoke { x, y, .. }| add(x, y)),
         }
     }
     sums
@@ -483,6 +519,14 @@ impl Ranked {
     fn up_to(&self, most: f32) -> f64 {
         self.costs.iter().filter(|&&cost| bucket_of(cost) <= bucket_of(most)).count() as f64
     }
+}
+
+/// How far the collapses of a part may go.
+struct Bounds {
+    most: f32,
+    quota: u64,
+    /// Of the whole surface, if that is the part: costs are plotted then.
+    faces: Option<usize>,
 }
 
 /// Edges that wait, by cost; those within one part in 16 come in no special order.
@@ -568,7 +612,8 @@ impl Part<'_> {
         let vertices = self.fans.vertices();
         let is_inside = |v: &u32| vertices.contains(v);
         let is_inner = |v: u32| {
-            let ring = self.fans.ring(v).filter(|ring| self.plain[(v - self.start) as usize] && ring.len() <= MOST_FACES);
+            let ring =
+                self.fans.ring(v).filter(|ring| self.plain[(v - self.start) as usize] && ring.len() <= MOST_FACES);
             ring.is_some_and(|ring| ring.iter().fold(true, |all, v| all & is_inside(v)))
         };
         let is_inner: Vec<bool> = vertices.clone().map(is_inner).collect();
@@ -686,8 +731,7 @@ impl Part<'_> {
         &mut self,
         rules: &Rules,
         ranked: Ranked,
-        most: f32,
-        quota: u64,
+        Bounds { most, quota, faces }: Bounds,
         mut observer: Option<&mut O>,
     ) -> Done {
         let Ranked { is_inner, mut rebuilt, costs } = ranked;
@@ -697,6 +741,7 @@ impl Part<'_> {
         let mut versions = vec![0_u32; is_inner.len()];
         let mut star = Star::default();
         let mut done = Done::default();
+        let (mut highest, mut plotted) = (0, faces.unwrap_or(0));
         while done.collapses < quota {
             let Some((Entry { ends: ends @ [kept, removed], stamp, .. }, bucket)) = queue.pop() else { break };
             if versions[kept as usize] + versions[removed as usize] != stamp {
@@ -707,12 +752,21 @@ impl Part<'_> {
                 queue.push(collapsing.cost, ends, stamp);
                 continue;
             }
-            let Some(error) = self.try_collapse(rules, ends, &collapsing, &mut rebuilt, &mut star, observer.as_deref_mut())
+            let Some(error) =
+                self.try_collapse(rules, ends, &collapsing, &mut rebuilt, &mut star, observer.as_deref_mut())
             else {
                 continue;
             };
             done.collapses += 1;
             done.error = done.error.max(error);
+            highest = highest.max(bucket);
+            if let Some(faces) = faces {
+                let triangles = faces - 2 * done.collapses as usize;
+                if done.collapses == quota || triangles <= plotted - plotted.div_ceil(16) {
+                    done.curve.push(CurvePoint { triangles, cost: f64::from(cost_of(highest)) });
+                    plotted = triangles;
+                }
+            }
             versions[kept as usize] += 1;
             versions[removed as usize] = GONE;
             // what the edges at the merged vertex cost now
@@ -847,11 +901,7 @@ impl Part<'_> {
 
 /// What four edges cost, and as bits which of them are sound: the best place is near the edge.
 #[inline(always)]
-fn four_costs(
-    edges: EdgeQuadric<f32x4>,
-    summed: Option<EdgeQuadric<f32x4>>,
-    half: [f32x4; 3],
-) -> (f32x4, u32) {
+fn four_costs(edges: EdgeQuadric<f32x4>, summed: Option<EdgeQuadric<f32x4>>, half: [f32x4; 3]) -> (f32x4, u32) {
     let (place, value, is_sound) = edges.optima(half);
     let zero = f32x4::splat(0.0);
     let value = value.fast_max(zero);
@@ -953,8 +1003,8 @@ impl Star {
             let (before_sq, after_sq) = (dot(before, before), dot(after, after));
             let turned = dot(before, after);
             let lengths = before_sq.sqrt() * after_sq.sqrt();
-            let is_thick = after_sq.simd_gt(dot(x, x) * dot(y, y) * f32x4::splat(NEEDLE))
-                & before_sq.simd_gt(f32x4::splat(1e-34));
+            let is_thick =
+                after_sq.simd_gt(dot(x, x) * dot(y, y) * f32x4::splat(NEEDLE)) & before_sq.simd_gt(f32x4::splat(1e-34));
             let folds = is_thick & turned.simd_le(lengths * f32x4::splat(min_cos - UNSURE));
             if folds.any() {
                 return Some(true);

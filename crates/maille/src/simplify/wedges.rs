@@ -40,15 +40,6 @@ impl<'a> WedgeMerger<'a> {
             && self.corners.are_plain()
     }
 
-    /// Whether there are but positions and triangles.
-    pub(super) fn is_bare(&self) -> bool {
-        let mesh = &self.mesh;
-        self.is_idle()
-            && mesh.triangle_attributes.is_empty()
-            && mesh.triangle_materials.is_empty()
-            && mesh.material_names.is_empty()
-    }
-
     /// Whether vertices may have several wedges.
     pub(super) fn have_seams(&self) -> bool {
         !self.corners.are_plain()

@@ -49,26 +49,37 @@ impl Slot {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Cut {
     /// Vertices of the first part.
-    pub(crate) first: usize,
-    /// Vertices of every other one.
-    pub(crate) size: usize,
+    first: usize,
+    /// Vertices of every other one: two to this power.
+    bits: u32,
 }
 
 impl Cut {
     /// All in one part.
     pub(crate) fn one(vertices: usize) -> Self {
-        Self { first: vertices.max(1), size: vertices.max(1) }
+        Self { first: vertices.max(1), bits: u32::BITS }
+    }
+
+    /// Parts of `1 << bits` vertices; if they are shifted, the first has half as many.
+    pub(crate) fn new(bits: u32, is_shifted: bool) -> Self {
+        Self { first: (1 << bits) / if is_shifted { 2 } else { 1 }, bits }
+    }
+
+    /// Vertices of every part but the first and the last.
+    #[inline]
+    fn size(self) -> usize {
+        1 << self.bits
     }
 
     /// The ranges of so many vertices.
     fn ranges(self, vertices: usize) -> Vec<Range<usize>> {
-        let starts = std::iter::once(0).chain((self.first..).step_by(self.size)).take_while(move |&v| v < vertices);
-        starts.map(move |v| v..vertices.min(if v == 0 { self.first } else { v + self.size })).collect()
+        let starts = std::iter::once(0).chain((self.first..).step_by(self.size())).take_while(move |&v| v < vertices);
+        starts.map(move |v| v..vertices.min(if v == 0 { self.first } else { v + self.size() })).collect()
     }
 
     #[inline]
     fn part_of(self, vertex: u32) -> usize {
-        (vertex as usize + self.size - self.first) / self.size
+        (vertex as usize + self.size() - self.first) >> self.bits
     }
 }
 
@@ -318,11 +329,14 @@ fn next(i: usize, len: usize) -> usize {
     if i + 1 == len { 0 } else { i + 1 }
 }
 
-/// Puts the faces around a vertex into the order of a ring; false if they are none.
+/// Puts the faces around a vertex into the order of a ring that begins at its lowest vertex, whatever order the faces
+/// came in; false if they are none.
 fn order_ring(fan: &mut [Spoke]) -> bool {
     if fan.len() > MOST_FACES || fan.len() < 3 {
         return false;
     }
+    let lowest = (0..fan.len()).min_by_key(|&i| fan[i].x).unwrap_or(0);
+    fan.swap(0, lowest);
     for i in 1..fan.len() {
         let wanted = fan[i - 1].y;
         let Some(found) = fan[i..].iter().position(|spoke| spoke.x == wanted) else { return false };
@@ -406,7 +420,7 @@ impl Fans {
                 }
                 fan.len() as u32
             } else {
-                fan.sort_unstable_by_key(|spoke| spoke.corner);
+                fan.sort_unstable_by_key(|spoke| (spoke.x, spoke.y, spoke.corner));
                 part.neighbors.extend(fan.iter().flat_map(|spoke| [spoke.x, spoke.y]));
                 if follow {
                     part.corners.extend(fan.iter().flat_map(|spoke| [spoke.corner; 2]));
@@ -517,7 +531,7 @@ mod tests {
     fn merging_is_building_anew_with_merged_names() {
         let torus = shapes::torus(2.0, 0.7, 90, 60);
         for (vertices, mut triangles) in [(torus.vertex_count(), torus.triangles), sheet()] {
-            let cut = Cut { first: 700, size: 1500 };
+            let cut = Cut::new(10, true);
             let mut fans = Fans::new(vertices, &triangles, cut, true);
             assert_eq!(fans.face_count(), triangles.len());
             assert_eq!(fans.followed(triangles.len(), |v| v), triangles);
@@ -547,7 +561,7 @@ mod tests {
 
             let live = fans.live();
             assert_eq!(live.len() + merged, vertices);
-            let renamed = fans.renamed(&live, Cut { first: 512, size: 1024 });
+            let renamed = fans.renamed(&live, Cut::new(9, false));
             let old = |v: u32| live[v as usize];
             assert_eq!(renamed.followed(triangles.len(), old), fans.followed(triangles.len(), |v| v));
             let lowest_first = |mut triangle: [u32; 3]| {
@@ -582,7 +596,7 @@ mod tests {
 
     #[test]
     fn triangles_without_area_are_left_out() {
-        let fans = Fans::new(4, &[[0, 1, 1], [1, 2, 3]], Cut { first: 4, size: 4 }, true);
+        let fans = Fans::new(4, &[[0, 1, 1], [1, 2, 3]], Cut::one(4), true);
         assert_eq!([fans.face_count(), fans.around(0).count(), fans.around(1).count()], [1, 0, 1]);
         assert_eq!(fans.followed(2, |v| v), [[0, 0, 0], [1, 2, 3]]);
     }
