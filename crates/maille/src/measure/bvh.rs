@@ -220,14 +220,14 @@ impl Searcher<'_> {
 
     /// The place (in the order of the leaves) of the triangle nearest to `p` and its squared distance, with the triangle
     /// in another place as the first guess.
-    pub(super) fn closest_place(&mut self, p: DVec3, guess: u32) -> Option<(u32, f64)> {
+    pub(crate) fn closest_place(&mut self, p: DVec3, guess: u32) -> Option<(u32, f64)> {
         self.last = guess;
         let (_, distance_sq) = self.search(p)?;
         Some((self.last, distance_sq))
     }
 
     /// The place found last, in the order of the leaves.
-    pub(super) fn last_place(&self) -> u32 {
+    pub(crate) fn last_place(&self) -> u32 {
         self.last
     }
 

@@ -11,7 +11,7 @@ pub(crate) mod exact;
 mod figures;
 mod heatmap;
 mod sample;
-mod triangle;
+pub(crate) mod triangle;
 
 pub use attributes::{AttributeDeviation, compare_attributes};
 pub use bvh::{Bvh, ClosestPoint, Searcher};

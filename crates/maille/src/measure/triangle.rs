@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 /// Barycentric coordinates of a point of a triangle and its squared distance from some query.
-pub(super) type OnTriangle = ([f64; 3], f64);
+pub(crate) type OnTriangle = ([f64; 3], f64);
 
 /// The normal of a triangle, as long as twice its area.
 pub(super) fn scaled_normal([a, b, c]: [DVec3; 3]) -> DVec3 {
@@ -11,7 +11,7 @@ pub(super) fn scaled_normal([a, b, c]: [DVec3; 3]) -> DVec3 {
 }
 
 /// The point with the given barycentric coordinates.
-pub(super) fn at([a, b, c]: [DVec3; 3], [u, v, w]: [f64; 3]) -> DVec3 {
+pub(crate) fn at([a, b, c]: [DVec3; 3], [u, v, w]: [f64; 3]) -> DVec3 {
     a * u + b * v + c * w
 }
 
@@ -25,7 +25,7 @@ pub(super) fn at([a, b, c]: [DVec3; 3], [u, v, w]: [f64; 3]) -> DVec3 {
 /// Forced into its callers: corners passed by memory cost a search near the surface 12 % of its time, one farther
 /// away 25 %.
 #[inline(always)]
-pub(super) fn closest_on_triangle(p: DVec3, corners @ [a, b, c]: [DVec3; 3]) -> OnTriangle {
+pub(crate) fn closest_on_triangle(p: DVec3, corners @ [a, b, c]: [DVec3; 3]) -> OnTriangle {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let normal = ab.cross(ac);
     let normal_sq = normal.length_squared();

@@ -10,112 +10,178 @@ const ALONG: f64 = 0.05;
 const STAY: f64 = 1e-3;
 
 /// Most steps of the conjugate gradients, and the share of the residual at which they end. The matrix is about as well
-/// conditioned as a mass matrix with its lumped form for preconditioner: a dozen steps do.
+/// conditioned as a mass matrix with its blocks on the diagonal for preconditioner: a dozen steps do.
 const STEPS: usize = 16;
 const ENOUGH: f64 = 1e-3;
 
-/// A sample: the point `weights` of a triangle should move by `wanted`, above all along `normal`.
+/// A sample: the point `weights` of its triangle should move by `wanted`, above all along `normal`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row {
-    pub(super) vertices: [u32; 3],
     pub(super) weights: [f64; 3],
     pub(super) normal: DVec3,
     pub(super) wanted: DVec3,
+    /// What it counts.
+    pub(super) weight: f64,
 }
 
-impl Row {
-    /// A vector, weighted by its direction.
-    fn weigh(&self, v: DVec3) -> DVec3 {
-        let along = self.normal * self.normal.dot(v);
-        along + (v - along) * ALONG
+/// A symmetric matrix: xx, yy, zz, xy, xz, yz.
+#[derive(Debug, Clone, Copy, Default)]
+struct Symmetric([f64; 6]);
+
+impl Symmetric {
+    #[inline]
+    fn add(&mut self, Self(other): &Self, factor: f64) {
+        for (sum, x) in self.0.iter_mut().zip(other) {
+            *sum += x * factor;
+        }
+    }
+
+    #[inline]
+    fn times(&self, v: DVec3) -> DVec3 {
+        let [xx, yy, zz, xy, xz, yz] = self.0;
+        DVec3::new(xx * v.x + xy * v.y + xz * v.z, xy * v.x + yy * v.y + yz * v.z, xz * v.x + yz * v.y + zz * v.z)
+    }
+
+    fn matrix(&self) -> DMat3 {
+        let [xx, yy, zz, xy, xz, yz] = self.0;
+        DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz])
     }
 }
 
-/// All samples, and at which vertices they pull.
-pub(super) struct Fit<'a> {
-    rows: &'a [Row],
-    /// Of each vertex the place of its first pull, and one more.
-    first: Vec<u32>,
-    /// Rows, with the number of the corner.
-    pulls: Vec<(u32, u8)>,
-    /// What undoes the lumped matrix at each vertex; zero for vertices that stay.
-    inverse: Vec<DMat3>,
-    /// What staying counts for each vertex.
-    stay: Vec<f64>,
+/// What all samples of a triangle come to: blocks of the matrix for its corners 0, 1 and 2 and the pairs 01, 12 and 20, and
+/// what they want of each corner.
+#[derive(Debug, Clone, Copy, Default)]
+struct OnTriangle {
+    corners: [Symmetric; 3],
+    sides: [Symmetric; 3],
+    wanted: [DVec3; 3],
 }
 
-impl<'a> Fit<'a> {
-    pub(super) fn new(rows: &'a [Row], fixed: &[bool]) -> Self {
-        let mut first = vec![0_u32; fixed.len() + 1];
-        for v in rows.iter().flat_map(|row| row.vertices) {
-            first[v as usize + 1] += 1;
+impl OnTriangle {
+    #[inline]
+    fn add(&mut self, row: &Row) {
+        let n = row.normal;
+        let [along, across] = [row.weight * ALONG, row.weight * (1.0 - ALONG)];
+        let counts = Symmetric([
+            across * n.x * n.x + along,
+            across * n.y * n.y + along,
+            across * n.z * n.z + along,
+            across * n.x * n.y,
+            across * n.x * n.z,
+            across * n.y * n.z,
+        ]);
+        let wanted = counts.times(row.wanted);
+        for k in 0..3 {
+            let (this, next) = (row.weights[k], row.weights[(k + 1) % 3]);
+            self.corners[k].add(&counts, this * this);
+            self.sides[k].add(&counts, this * next);
+            self.wanted[k] += wanted * this;
         }
-        for v in 0..fixed.len() {
-            first[v + 1] += first[v];
-        }
-        let mut next = first.clone();
-        let mut pulls = vec![(0, 0); 3 * rows.len()];
-        for (i, row) in (0..).zip(rows) {
-            for (k, v) in (0..).zip(row.vertices) {
-                pulls[next[v as usize] as usize] = (i, k);
-                next[v as usize] += 1;
-            }
-        }
-        let mut fit = Self { rows, first, pulls, inverse: Vec::new(), stay: Vec::new() };
-        let lumped = |v: usize| {
-            let (mut normals, mut weight) = (DMat3::ZERO, 0.0);
-            for (row, w) in fit.pulls_at(v) {
-                let n = row.normal;
-                normals += DMat3::from_cols(n * n.x, n * n.y, n * n.z) * (w * (1.0 - ALONG));
-                weight += w;
-            }
-            let stay = STAY * weight;
-            let matrix = normals + DMat3::from_diagonal(DVec3::splat(weight * ALONG + stay));
-            let moves = !fixed[v] && weight > 0.0;
-            (if moves { matrix.inverse() } else { DMat3::ZERO }, stay)
+    }
+}
+
+/// The equations of all vertices: as many blocks as there are edges, whatever the number of samples.
+pub(super) struct Fit {
+    /// Of each vertex the place of its first block, and one more.
+    first: Vec<u32>,
+    /// The blocks beside the diagonal, and the vertices that they belong to.
+    blocks: Vec<(u32, Symmetric)>,
+    diagonal: Vec<Symmetric>,
+    /// What undoes the blocks of the diagonal; zero for vertices that stay.
+    inverse: Vec<DMat3>,
+    wanted: Vec<DVec3>,
+}
+
+/// The equations of one vertex.
+#[derive(Default)]
+struct Equations {
+    blocks: Vec<(u32, Symmetric)>,
+    diagonal: Symmetric,
+    wanted: DVec3,
+}
+
+/// Vertices in a piece of work.
+const CHUNK: usize = 1 << 11;
+
+impl Fit {
+    /// The equations of triangles, but for vertices that are fixed. `on` names the triangle of each sample.
+    pub(super) fn new(
+        triangles: &[[u32; 3]],
+        on: impl Iterator<Item = u32> + Clone,
+        sample: impl Fn(usize) -> Row + Sync,
+        fixed: &[bool],
+    ) -> Self {
+        let by_triangle = grouped(triangles.len(), on);
+        let on_triangle = |t: usize| {
+            let mut sum = OnTriangle::default();
+            by_triangle.of(t).iter().for_each(|&i| sum.add(&sample(i as usize)));
+            sum
         };
-        let (inverse, stay) = (0..fixed.len()).into_par_iter().map(lumped).unzip();
-        (fit.inverse, fit.stay) = (inverse, stay);
+        let on_triangles: Vec<OnTriangle> = (0..triangles.len()).into_par_iter().map(on_triangle).collect();
+        // corners as three times the triangle, plus the number of the corner
+        let by_vertex = grouped(fixed.len(), triangles.iter().flatten().copied());
+        let equations = |v: usize| {
+            let mut equations = Equations::default();
+            for &corner in by_vertex.of(v) {
+                let (t, k) = (corner as usize / 3, corner as usize % 3);
+                let on = &on_triangles[t];
+                equations.diagonal.add(&on.corners[k], 1.0);
+                equations.wanted += on.wanted[k];
+                for (other, side) in [((k + 1) % 3, k), ((k + 2) % 3, (k + 2) % 3)] {
+                    let neighbor = triangles[t][other];
+                    let known = equations.blocks.iter_mut().find(|(known, _)| *known == neighbor);
+                    match known {
+                        Some((_, block)) => block.add(&on.sides[side], 1.0),
+                        None => equations.blocks.push((neighbor, on.sides[side])),
+                    }
+                }
+            }
+            equations
+        };
+        let chunk =
+            |start: usize| -> Vec<Equations> { (start..fixed.len().min(start + CHUNK)).map(equations).collect() };
+        let all: Vec<Vec<Equations>> = (0..fixed.len()).into_par_iter().step_by(CHUNK).map(chunk).collect();
+        let mut fit =
+            Self { first: vec![0], blocks: Vec::new(), diagonal: Vec::new(), inverse: Vec::new(), wanted: Vec::new() };
+        for (v, Equations { blocks, mut diagonal, wanted }) in all.into_iter().flatten().enumerate() {
+            // the blocks of a row sum up to what all of its samples count, by what they count for the vertex
+            let mut weight = diagonal;
+            blocks.iter().for_each(|(_, block)| weight.add(block, 1.0));
+            let [xx, yy, zz, ..] = weight.0;
+            let weight = (xx + yy + zz) / (1.0 + 2.0 * ALONG);
+            for x in &mut diagonal.0[..3] {
+                *x += STAY * weight;
+            }
+            let moves = !fixed[v] && weight > 0.0;
+            fit.inverse.push(if moves { diagonal.matrix().inverse() } else { DMat3::ZERO });
+            fit.wanted.push(wanted);
+            fit.diagonal.push(diagonal);
+            fit.blocks.extend(blocks);
+            fit.first.push(fit.blocks.len() as u32);
+        }
         fit
     }
 
-    fn pulls_at(&self, v: usize) -> impl Iterator<Item = (&Row, f64)> {
-        let pulls = &self.pulls[self.first[v] as usize..self.first[v + 1] as usize];
-        pulls.iter().map(|&(row, k)| {
-            let row = &self.rows[row as usize];
-            (row, row.weights[k as usize])
-        })
-    }
-
-    /// What vectors at the samples come to at the vertices, nothing where they stay.
-    fn gather(&self, at_rows: &[DVec3], at_vertices: impl Fn(usize) -> DVec3 + Sync) -> Vec<DVec3> {
-        let gathered = |v: usize| {
+    fn times_matrix(&self, x: &[DVec3]) -> Vec<DVec3> {
+        let image = |v: usize| {
             if self.inverse[v] == DMat3::ZERO {
                 return DVec3::ZERO;
             }
-            let pulls = &self.pulls[self.first[v] as usize..self.first[v + 1] as usize];
-            let pull = |&(row, k): &(u32, u8)| at_rows[row as usize] * self.rows[row as usize].weights[k as usize];
-            pulls.iter().map(pull).sum::<DVec3>() + at_vertices(v)
+            let blocks = &self.blocks[self.first[v] as usize..self.first[v + 1] as usize];
+            let others = blocks.iter().map(|(other, block)| block.times(x[*other as usize]));
+            self.diagonal[v].times(x[v]) + others.sum::<DVec3>()
         };
-        (0..self.inverse.len()).into_par_iter().map(gathered).collect()
-    }
-
-    fn times_matrix(&self, x: &[DVec3]) -> Vec<DVec3> {
-        let moved = |row: &Row| {
-            let corners = row.vertices.into_iter().zip(row.weights);
-            row.weigh(corners.map(|(v, w)| x[v as usize] * w).sum())
-        };
-        let at_rows: Vec<DVec3> = self.rows.par_iter().map(moved).collect();
-        self.gather(&at_rows, |v| x[v] * self.stay[v])
+        (0..x.len()).into_par_iter().with_min_len(CHUNK).map(image).collect()
     }
 
     /// The moves of all vertices.
     pub(super) fn solve(&self) -> Vec<DVec3> {
-        let wanted: Vec<DVec3> = self.rows.par_iter().map(|row| row.weigh(row.wanted)).collect();
-        let mut residual = self.gather(&wanted, |_| DVec3::ZERO);
+        let mut residual = self.wanted.clone();
+        residual.iter_mut().zip(&self.inverse).filter(|(_, inverse)| **inverse == DMat3::ZERO).for_each(|(r, _)| {
+            *r = DVec3::ZERO;
+        });
         let mut x = vec![DVec3::ZERO; residual.len()];
-        let precondition =
-            |r: &[DVec3]| -> Vec<DVec3> { r.par_iter().zip(&self.inverse).map(|(&r, &m)| m * r).collect() };
+        let precondition = |r: &[DVec3]| -> Vec<DVec3> { r.iter().zip(&self.inverse).map(|(&r, &m)| m * r).collect() };
         let mut direction = precondition(&residual);
         let mut strength = dot(&residual, &direction);
         let enough = strength * ENOUGH * ENOUGH;
@@ -135,6 +201,39 @@ impl<'a> Fit<'a> {
         }
         x
     }
+}
+
+/// Items by the group that each belongs to.
+struct Groups {
+    /// Of each group the place of its first item, and one more.
+    first: Vec<u32>,
+    items: Vec<u32>,
+}
+
+impl Groups {
+    fn of(&self, group: usize) -> &[u32] {
+        &self.items[self.first[group] as usize..self.first[group + 1] as usize]
+    }
+}
+
+/// Sorts the numbers of items by their groups, in linear time; those of a group keep their order.
+fn grouped(groups: usize, of: impl Iterator<Item = u32> + Clone) -> Groups {
+    let mut first = vec![0_u32; groups + 1];
+    let mut count = 0;
+    for group in of.clone() {
+        first[group as usize + 1] += 1;
+        count += 1;
+    }
+    for group in 0..groups {
+        first[group + 1] += first[group];
+    }
+    let mut next = first.clone();
+    let mut items = vec![0; count];
+    for (item, group) in (0..).zip(of) {
+        items[next[group as usize] as usize] = item;
+        next[group as usize] += 1;
+    }
+    Groups { first, items }
 }
 
 /// In the order of the vectors, whatever the number of threads.
@@ -157,14 +256,15 @@ mod tests {
                 let weights = if u + v > 1.0 { [u + v - 1.0, 1.0 - u, 1.0 - v] } else { [1.0 - u - v, u, v] };
                 let p: DVec3 = corners.iter().zip(weights).map(|(c, w)| *c * w).sum();
                 let wanted = normal * normal.dot(DVec3::new(0.0, 0.0, 1.0 + p.x));
-                Row { vertices: [0, 1, 2], weights, normal, wanted }
+                Row { weights, normal, wanted, weight: 1.0 }
             })
             .collect();
-        let moves = Fit::new(&rows, &[false; 3]).solve();
+        let fit = |fixed: &[bool]| Fit::new(&[[0, 1, 2]], rows.iter().map(|_| 0), |i| rows[i], fixed);
+        let moves = fit(&[false; 3]).solve();
         for (corner, by) in corners.iter().zip(moves) {
             let p = *corner + by;
             assert!((p.z - 1.0 - p.x).abs() < 5e-3, "{p}");
         }
-        assert_eq!(Fit::new(&rows, &[true; 3]).solve(), [DVec3::ZERO; 3]);
+        assert_eq!(fit(&[true; 3]).solve(), [DVec3::ZERO; 3]);
     }
 }

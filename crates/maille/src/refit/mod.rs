@@ -13,6 +13,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::control::Cancelled;
+use crate::measure::triangle::{at, closest_on_triangle};
 use crate::measure::{Bvh, ClosestPoint, Searcher, SurfaceSampler};
 use crate::{Control, Mesh};
 use least_squares::{Fit, Row};
@@ -22,7 +23,8 @@ use least_squares::{Fit, Row};
 pub struct RefitOptions {
     /// How often nearest points are looked for anew. The first round gains most.
     pub rounds: u32,
-    /// Points of the original to each vertex of the simplified mesh, but four to each triangle of the original at most.
+    /// Points of the original to each vertex of the simplified mesh, more or less: where that is half a point to each
+    /// triangle of the original or more, each has one or three, by its area.
     pub samples_per_vertex: f64,
     /// Moves the samples.
     pub seed: u64,
@@ -56,8 +58,8 @@ pub struct RefitReport {
 /// vertices stay where they were. The result does not depend on the number of threads. Meshes without triangles stay as
 /// they are.
 ///
-/// Cost: [`rounds`](RefitOptions::rounds) + 1 searches for each sample, about a microsecond each on one core; some 120 bytes
-/// per sample.
+/// Cost: a search for each sample, about a microsecond on one core, and a fraction of that in each
+/// [round](RefitOptions::rounds); some 130 bytes per sample.
 ///
 /// # Panics
 /// If `fixed` has another length than the mesh has vertices, or positions are not finite.
@@ -86,58 +88,110 @@ pub fn refit(
     };
     tell(0)?;
     let there = Bvh::new(original);
-    let count = (mesh.vertex_count() as f64 * options.samples_per_vertex).ceil() as u64;
-    let count = count.min((MOST_PER_TRIANGLE * original.triangle_count()) as u64);
-    let sampler = SurfaceSampler::new(original, there.triangles_in_space_order(), options.seed);
-    let samples = in_chunks(count as usize, |range| {
-        let samples = sampler.samples(count, range.start as u64..range.end as u64);
-        samples.map(|sample| Sample { point: sample.point, normal: normal_of(original, sample.triangle) }).collect()
-    });
+    let Samples { samples, at_once, is_few } = Samples::new(mesh, original, there.triangles_in_space_order(), options);
     // fitted to as well, vertices would pull the surface outwards; but largest distances are mostly there
-    let vertices = vertices(original, there.triangles_in_space_order());
-    let fixed = fixed_vertices(mesh, &options.fixed);
-    let mut found = nearest(mesh, &samples);
-    let mut far = nearest(mesh, &vertices);
-    let before = Errors::of(mesh, &there, &found, &far);
+    let (vertices, of_sample) = vertices(original, there.triangles_in_space_order(), samples.len());
+    let triangles: Vec<[u32; 3]> = (0..mesh.triangle_count()).map(|t| mesh.triangle_vertices(t)).collect();
+    let sides = Sides::new(&triangles);
+    let fixed = sides.fixed_vertices(&triangles, mesh.vertex_count(), &options.fixed);
+    let (mut found, mut far) = first_nearest(mesh, &sides, (&samples, at_once), (&vertices, &of_sample));
+    let before = Errors::of(mesh, &there, [&found, &far], &samples, None);
     (report.rms_before, report.max_before) = (before.rms, before.max);
     (report.rms_after, report.max_after) = (before.rms, before.max);
     let mut moved = Moved::new(mesh);
     for round in 1..=options.rounds {
         tell(round)?;
-        moved.add(&moves(&moved.mesh(mesh), &samples, &found, &fixed), mesh);
+        moved.add(&moves(&triangles, &samples, &found, &fixed), mesh);
         if round < options.rounds {
-            follow(&moved.mesh(mesh), &samples, &mut found);
+            follow_samples(&moved.mesh(mesh), &sides, &samples, &mut found, is_few);
         }
     }
     let mut result = moved.mesh(mesh);
-    found = nearest(&result, &samples);
-    far = nearest(&result, &vertices);
-    let mut after = Errors::of(&result, &there, &found, &far);
-    for _ in 0..HELD_BACK {
+    follow_samples(&result, &sides, &samples, &mut found, is_few);
+    follow(&result, &sides, &vertices, &mut far);
+    let mut is_exact = false;
+    let mut after = Errors::of(&result, &there, [&found, &far], &samples, Some(&before));
+    for _ in 0..=HELD_BACK {
         if after.max <= before.max {
             mesh.positions = result.positions;
             (report.rms_after, report.max_after) = (after.rms, after.max);
             break;
         }
         tell(options.rounds)?;
+        if !is_exact {
+            // what was followed may be nearer to another triangle
+            let here = Bvh::new(&result);
+            let is_far = |found: &ClosestPoint| found.distance_sq > before.max * before.max;
+            search_again(&here, &samples, &mut found, is_far);
+            search_again(&here, &vertices, &mut far, is_far);
+            drop(here);
+            after = Errors::of(&result, &there, [&found, &far], &samples, Some(&after));
+            is_exact = true;
+            continue;
+        }
         moved.take_back(mesh, &after.vertices_beyond(before.max, &before, mesh));
         let held = moved.mesh(mesh);
         let has_moved = |v: u32| held.positions[v as usize] != result.positions[v as usize];
         let is_stale = |t: usize| mesh.triangle_vertices(t).into_iter().any(has_moved);
         let stale: Vec<bool> = (0..mesh.triangle_count()).into_par_iter().map(is_stale).collect();
         let own = Bvh::new(&held);
-        search_stale(&own, &samples, &mut found, &stale);
-        search_stale(&own, &vertices, &mut far, &stale);
+        let is_stale = |found: &ClosestPoint| stale[found.triangle as usize];
+        search_again(&own, &samples, &mut found, is_stale);
+        search_again(&own, &vertices, &mut far, is_stale);
         drop(own);
-        after = after.updated(&held, &there, &found, &far, &stale, has_moved);
+        after = after.updated(&held, &there, [&found, &far], &samples, &stale, has_moved);
         result = held;
     }
     Ok(report)
 }
 
-/// Most samples for each triangle of the original: of what is flat, more say little more. At half of the triangles, where
-/// it counts, 16 samples to a vertex take half of the time of 30 and leave 1 % more error.
-const MOST_PER_TRIANGLE: usize = 4;
+/// Points of the original to fit to.
+struct Samples {
+    samples: Vec<Sample>,
+    /// So many after one another lie on the same triangle.
+    at_once: usize,
+    /// Fewer than triangles.
+    is_few: bool,
+}
+
+impl Samples {
+    /// Of each triangle the same where that is not too many, as rules for integrals want them, else at random.
+    fn new(mesh: &Mesh, original: &Mesh, order: impl ExactSizeIterator<Item = u32>, options: &RefitOptions) -> Self {
+        let wanted = mesh.vertex_count() as f64 * options.samples_per_vertex;
+        let per_triangle = wanted / original.triangle_count() as f64;
+        let rule: &[[f64; 3]] = if per_triangle >= 2.0 {
+            &THREE_POINTS
+        } else if per_triangle >= 0.5 {
+            &[[1.0 / 3.0; 3]]
+        } else {
+            let count = wanted.ceil() as u64;
+            let sampler = SurfaceSampler::new(original, order, options.seed);
+            let samples = in_chunks(count as usize, |range| {
+                let samples = sampler.samples(count, range.start as u64..range.end as u64);
+                let normal = |triangle: u32| scaled_normal(original, triangle).normalize_or_zero();
+                samples.map(|s| Sample { point: s.point, normal: normal(s.triangle), weight: 1.0 }).collect()
+            });
+            return Self { samples, at_once: 1, is_few: true };
+        };
+        let order: Vec<u32> = order.collect();
+        let samples = in_chunks(order.len(), |range| {
+            let of_triangle = |&t: &u32| {
+                let (corners, scaled) = (original.triangle_points(t as usize), scaled_normal(original, t));
+                let (normal, weight) = (scaled.normalize_or_zero(), scaled.length());
+                rule.iter().map(move |&place| Sample { point: at(corners, place), normal, weight })
+            };
+            order[range].iter().flat_map(of_triangle).collect()
+        });
+        Self { samples, at_once: rule.len(), is_few: false }
+    }
+}
+
+/// A rule that is exact for quadratic functions, as squared distances are where one triangle lies on another.
+const THREE_POINTS: [[f64; 3]; 3] = {
+    const A: f64 = 2.0 / 3.0;
+    const B: f64 = 1.0 / 6.0;
+    [[A, B, B], [B, A, B], [B, B, A]]
+};
 
 /// How often moves are taken back where the largest distance has grown, before all are.
 const HELD_BACK: usize = 4;
@@ -147,20 +201,24 @@ const HELD_BACK: usize = 4;
 struct Sample {
     point: DVec3,
     normal: DVec3,
+    /// What it counts.
+    weight: f64,
 }
 
-fn normal_of(mesh: &Mesh, triangle: u32) -> DVec3 {
+fn scaled_normal(mesh: &Mesh, triangle: u32) -> DVec3 {
     let [a, b, c] = mesh.triangle_points(triangle as usize);
-    (b - a).cross(c - a).normalize_or_zero()
+    (b - a).cross(c - a)
 }
 
-/// The vertices that triangles use, in the order in which these name them first.
-fn vertices(mesh: &Mesh, order: impl Iterator<Item = u32>) -> Vec<Sample> {
+/// The vertices that triangles use, in the order in which these name them first; and of each, a sample that is not far if
+/// there are so many in the same order.
+fn vertices(mesh: &Mesh, order: impl ExactSizeIterator<Item = u32>, samples: usize) -> (Vec<Sample>, Vec<u32>) {
     let mut known = vec![false; mesh.vertex_count()];
-    let vertices = order.flat_map(|t| mesh.triangle_vertices(t as usize));
-    let new = vertices.filter(|&v| !std::mem::replace(&mut known[v as usize], true));
-    new.map(|v| Sample { point: glam::Vec3::from(mesh.positions[v as usize]).as_dvec3(), normal: DVec3::ZERO })
-        .collect()
+    let triangles = order.len();
+    let corners = order.enumerate().flat_map(|(i, t)| mesh.triangle_vertices(t as usize).map(|v| (i, v)));
+    let new = corners.filter(|&(_, v)| !std::mem::replace(&mut known[v as usize], true));
+    let sample = |v: u32| Sample { point: vertex(mesh, v as usize), normal: DVec3::ZERO, weight: 0.0 };
+    new.map(|(i, v)| (sample(v), (i * samples / triangles) as u32)).unzip()
 }
 
 /// Samples or points in a piece of work.
@@ -172,85 +230,147 @@ fn in_chunks<T: Clone + Send>(count: usize, work: impl Fn(std::ops::Range<usize>
     chunks.collect::<Vec<_>>().concat()
 }
 
-/// The points of the mesh that are nearest to the samples.
-fn nearest(mesh: &Mesh, samples: &[Sample]) -> Vec<ClosestPoint> {
+/// The points of the mesh that are nearest to the samples, `at_once` of which lie on one triangle of the original, and to
+/// vertices that lie near given samples.
+///
+/// One search serves several points, which are [followed](follow) from there. Those that are further away by that than
+/// the rest are searched for themselves, so that the largest distance of all is the true one.
+fn first_nearest(
+    mesh: &Mesh,
+    sides: &Sides,
+    (samples, at_once): (&[Sample], usize),
+    (vertices, of_sample): (&[Sample], &[u32]),
+) -> (Vec<ClosestPoint>, Vec<ClosestPoint>) {
     let here = Bvh::new(mesh);
-    in_chunks(samples.len(), |range| {
+    let mut found = in_chunks(samples.len() / at_once, |range| {
         let mut searcher = here.searcher();
-        let closest = |sample: &Sample| searcher.closest(sample.point).expect("there are triangles");
-        samples[range].iter().map(closest).collect()
-    })
+        let several = |i: usize| {
+            let closest = searcher.closest(samples[i * at_once].point).expect("there are triangles");
+            std::iter::repeat_n(closest, at_once)
+        };
+        range.flat_map(several).collect()
+    });
+    let most = found.iter().step_by(at_once).map(|found| found.distance_sq).fold(0.0, f64::max);
+    let mut far: Vec<ClosestPoint> = of_sample.iter().map(|&i| found[i as usize]).collect();
+    if at_once > 1 {
+        follow(mesh, sides, samples, &mut found);
+    }
+    follow(mesh, sides, vertices, &mut far);
+    let is_far = |found: &ClosestPoint| found.distance_sq > most;
+    search_again(&here, samples, &mut found, is_far);
+    search_again(&here, vertices, &mut far, is_far);
+    (found, far)
 }
 
-/// Brings the nearest points up to date after a round of moves: what lies above the inside of the triangle that was nearest
-/// stays with it, which is right but for folds; the rest is looked for anew. Good enough to fit to, not to measure.
-fn follow(mesh: &Mesh, samples: &[Sample], found: &mut [ClosestPoint]) {
-    let here = Bvh::new(mesh);
+/// Brings the nearest points up to date after vertices have moved: from the triangle that was nearest, over sides to
+/// neighbours as long as these are nearer. Good enough to fit to; what is nearest may be missed at folds, so the distances
+/// found are never too small.
+fn follow(mesh: &Mesh, sides: &Sides, samples: &[Sample], found: &mut [ClosestPoint]) {
     samples.par_chunks(CHUNK).zip(found.par_chunks_mut(CHUNK)).for_each(|(samples, found)| {
-        let mut searcher = here.searcher();
         for (sample, found) in samples.iter().zip(found) {
-            let corners = mesh.triangle_points(found.triangle as usize);
-            match above(corners, sample.point) {
-                Some((barycentric, point)) => {
-                    let distance_sq = point.distance_squared(sample.point);
-                    *found = ClosestPoint { barycentric, point, distance_sq, ..*found };
+            let mut best = on_triangle(mesh, found.triangle, sample.point);
+            for _ in 0..MOST_STEPS {
+                let before = best.triangle;
+                for (corner, &weight) in best.barycentric.clone().iter().enumerate() {
+                    // the point is on the side opposite to the corner
+                    let neighbor = sides.opposite[before as usize][corner];
+                    if weight > 0.0 || neighbor == u32::MAX {
+                        continue;
+                    }
+                    let other = on_triangle(mesh, neighbor, sample.point);
+                    if other.distance_sq < best.distance_sq {
+                        best = other;
+                    }
                 }
-                None => *found = searcher.closest(sample.point).expect("there are triangles"),
+                if best.triangle == before {
+                    break;
+                }
             }
+            *found = best;
         }
     });
 }
 
-/// Where the foot of the perpendicular from p is in a triangle, if it is inside.
-fn above([a, b, c]: [DVec3; 3], p: DVec3) -> Option<([f64; 3], DVec3)> {
-    let (x, y, q) = (b - a, c - a, p - a);
-    let (xx, xy, yy) = (x.length_squared(), x.dot(y), y.length_squared());
-    let determinant = xx * yy - xy * xy;
-    let (qx, qy) = (q.dot(x), q.dot(y));
-    let (v, w) = (yy * qx - xy * qy, xx * qy - xy * qx);
-    if v < 0.0 || w < 0.0 || v + w > determinant || determinant <= f64::EPSILON * xx * yy {
-        return None;
+/// As [`follow`]; where samples are few, what is at the side of a triangle then is searched for.
+fn follow_samples(mesh: &Mesh, sides: &Sides, samples: &[Sample], found: &mut [ClosestPoint], is_few: bool) {
+    follow(mesh, sides, samples, found);
+    if is_few {
+        search_again(&Bvh::new(mesh), samples, found, |found| found.barycentric.contains(&0.0));
     }
-    let (v, w) = (v / determinant, w / determinant);
-    Some(([1.0 - v - w, v, w], a + x * v + y * w))
 }
 
-/// Looks anew for the nearest points that lie on stale triangles. Those that keep theirs are as near as before, or nearer.
-fn search_stale(here: &Bvh<'_>, samples: &[Sample], found: &mut [ClosestPoint], stale: &[bool]) {
+/// Triangles that [`follow`] goes on to.
+const MOST_STEPS: usize = 16;
+
+fn on_triangle(mesh: &Mesh, triangle: u32, p: DVec3) -> ClosestPoint {
+    let corners = mesh.triangle_points(triangle as usize);
+    let (barycentric, distance_sq) = closest_on_triangle(p, corners);
+    ClosestPoint { triangle, barycentric, point: at(corners, barycentric), distance_sq }
+}
+
+/// Looks anew for some of the nearest points. (Those on triangles that have not moved are as near as before, or nearer.)
+fn search_again(
+    here: &Bvh<'_>,
+    samples: &[Sample],
+    found: &mut [ClosestPoint],
+    which: impl Fn(&ClosestPoint) -> bool + Sync,
+) {
     samples.par_chunks(CHUNK).zip(found.par_chunks_mut(CHUNK)).for_each(|(samples, found)| {
         let mut searcher = here.searcher();
-        for (sample, found) in samples.iter().zip(found).filter(|(_, found)| stale[found.triangle as usize]) {
+        for (sample, found) in samples.iter().zip(found).filter(|(_, found)| which(found)) {
             *found = searcher.closest(sample.point).expect("there are triangles");
         }
     });
 }
 
-/// Vertices that stay: by wish, and on edges that do not have two triangles.
-fn fixed_vertices(mesh: &Mesh, wanted: &[bool]) -> Vec<bool> {
-    let mut fixed = wanted.to_vec();
-    fixed.resize(mesh.vertex_count(), false);
-    let edge = |a: u32, b: u32| u64::from(a.min(b)) << 32 | u64::from(a.max(b));
-    let triangles = (0..mesh.triangle_count()).map(|t| mesh.triangle_vertices(t));
-    let mut edges: Vec<u64> = triangles.flat_map(|[a, b, c]| [edge(a, b), edge(b, c), edge(c, a)]).collect();
-    edges.par_sort_unstable();
-    for same in edges.chunk_by(|a, b| a == b).filter(|same| same.len() != 2) {
-        for v in [same[0] >> 32, same[0] & u64::from(u32::MAX)] {
-            fixed[v as usize] = true;
+/// What lies beyond the sides of triangles.
+struct Sides {
+    /// Of each triangle, the one beyond the side opposite to each corner; none for sides that do not have two triangles.
+    opposite: Vec<[u32; 3]>,
+}
+
+impl Sides {
+    fn new(triangles: &[[u32; 3]]) -> Self {
+        let mut opposite = vec![[u32::MAX; 3]; triangles.len()];
+        let edge = |a: u32, b: u32| u64::from(a.min(b)) << 32 | u64::from(a.max(b));
+        let sides = |(t, &[a, b, c]): (usize, &[u32; 3])| {
+            let t = t as u32;
+            [(edge(b, c), t, 0_u8), (edge(c, a), t, 1), (edge(a, b), t, 2)]
+        };
+        let mut edges: Vec<(u64, u32, u8)> = triangles.iter().enumerate().flat_map(sides).collect();
+        edges.par_sort_unstable();
+        for same in edges.chunk_by(|a, b| a.0 == b.0) {
+            if let &[(_, t, k), (_, u, l)] = same {
+                opposite[t as usize][k as usize] = u;
+                opposite[u as usize][l as usize] = t;
+            }
         }
+        Self { opposite }
     }
-    fixed
+
+    /// Vertices that stay: by wish, and on sides without a neighbour.
+    fn fixed_vertices(&self, triangles: &[[u32; 3]], vertices: usize, wanted: &[bool]) -> Vec<bool> {
+        let mut fixed = wanted.to_vec();
+        fixed.resize(vertices, false);
+        for (triangle, opposite) in triangles.iter().zip(&self.opposite) {
+            for k in (0..3).filter(|&k| opposite[k] == u32::MAX) {
+                fixed[triangle[(k + 1) % 3] as usize] = true;
+                fixed[triangle[(k + 2) % 3] as usize] = true;
+            }
+        }
+        fixed
+    }
 }
 
 /// The moves that make the distances of the samples from their nearest points least.
-fn moves(mesh: &Mesh, samples: &[Sample], found: &[ClosestPoint], fixed: &[bool]) -> Vec<DVec3> {
-    let row = |(sample, found): (&Sample, &ClosestPoint)| Row {
-        vertices: mesh.triangle_vertices(found.triangle as usize),
-        weights: found.barycentric,
-        normal: sample.normal,
-        wanted: sample.point - found.point,
+fn moves(triangles: &[[u32; 3]], samples: &[Sample], found: &[ClosestPoint], fixed: &[bool]) -> Vec<DVec3> {
+    let row = |i: usize| Row {
+        weights: found[i].barycentric,
+        normal: samples[i].normal,
+        wanted: samples[i].point - found[i].point,
+        weight: samples[i].weight,
     };
-    let rows: Vec<Row> = samples.par_iter().zip(found).map(row).collect();
-    Fit::new(&rows, fixed).solve()
+    Fit::new(triangles, found.iter().map(|found| found.triangle), row, fixed).solve()
 }
 
 /// Distances both ways.
@@ -262,15 +382,29 @@ struct Errors {
     max: f64,
     /// Of each sample and vertex of the original: squared distance and triangle.
     forward: Vec<(f64, u32)>,
-    /// Of each vertex of the mesh, and of the middle of each of its triangles: squared distance.
-    backward: Vec<f64>,
+    /// Of each vertex of the mesh, and of the middle of each of its triangles: squared distance from the original, and the
+    /// place of the triangle there.
+    backward: Vec<(f64, u32)>,
 }
 
 impl Errors {
-    fn of(mesh: &Mesh, there: &Bvh<'_>, samples: &[ClosestPoint], vertices: &[ClosestPoint]) -> Self {
-        let mut backward = distances_sq(there, mesh.vertex_count(), |v| Some(vertex(mesh, v)));
-        backward.extend(distances_sq(there, mesh.triangle_count(), |t| Some(middle(mesh, t))));
-        Self::summed(samples, vertices, backward.into_iter().map(|found| found.unwrap_or(0.0)).collect())
+    /// `found` are the nearest points of samples and of vertices of the original, `before` what was known before the
+    /// vertices moved.
+    fn of(
+        mesh: &Mesh,
+        there: &Bvh<'_>,
+        found: [&[ClosestPoint]; 2],
+        samples: &[Sample],
+        before: Option<&Self>,
+    ) -> Self {
+        let guess = |i: usize| before.map(|before| before.backward[i].1);
+        let vertices = mesh.vertex_count();
+        let backward = in_chunks(vertices + mesh.triangle_count(), |range| {
+            let mut searcher = there.searcher();
+            let point = |i: usize| if i < vertices { vertex(mesh, i) } else { middle(mesh, i - vertices) };
+            range.map(|i| nearest_place(&mut searcher, point(i), guess(i))).collect()
+        });
+        Self::summed(found, samples, backward)
     }
 
     /// The same after some vertices have moved, and with them the triangles that are stale.
@@ -278,24 +412,35 @@ impl Errors {
         &self,
         mesh: &Mesh,
         there: &Bvh<'_>,
-        samples: &[ClosestPoint],
-        vertices: &[ClosestPoint],
+        found: [&[ClosestPoint]; 2],
+        samples: &[Sample],
         stale: &[bool],
         has_moved: impl Fn(u32) -> bool + Sync,
     ) -> Self {
-        let moved = |v: usize| has_moved(v as u32).then(|| vertex(mesh, v));
-        let mut backward = distances_sq(there, mesh.vertex_count(), moved);
-        backward.extend(distances_sq(there, mesh.triangle_count(), |t| stale[t].then(|| middle(mesh, t))));
-        let backward = backward.into_iter().zip(&self.backward).map(|(now, then)| now.unwrap_or(*then)).collect();
-        Self::summed(samples, vertices, backward)
+        let vertices = mesh.vertex_count();
+        let backward = in_chunks(self.backward.len(), |range| {
+            let mut searcher = there.searcher();
+            let place = |i: usize| {
+                let known = self.backward[i];
+                let point = if i < vertices {
+                    has_moved(i as u32).then(|| vertex(mesh, i))
+                } else {
+                    stale[i - vertices].then(|| middle(mesh, i - vertices))
+                };
+                point.map_or(known, |point| nearest_place(&mut searcher, point, Some(known.1)))
+            };
+            range.map(place).collect()
+        });
+        Self::summed(found, samples, backward)
     }
 
-    fn summed(samples: &[ClosestPoint], vertices: &[ClosestPoint], backward: Vec<f64>) -> Self {
-        let sum: f64 = samples.iter().map(|found| found.distance_sq).sum();
-        let forward: Vec<_> = samples.iter().chain(vertices).map(|found| (found.distance_sq, found.triangle)).collect();
-        let all = forward.iter().map(|&(distance_sq, _)| distance_sq).chain(backward.iter().copied());
-        let max = all.fold(0.0, f64::max).sqrt();
-        Self { rms: (sum / samples.len() as f64).sqrt(), max, forward, backward }
+    fn summed([found, far]: [&[ClosestPoint]; 2], samples: &[Sample], backward: Vec<(f64, u32)>) -> Self {
+        let squares = found.iter().zip(samples).map(|(found, sample)| found.distance_sq * sample.weight);
+        let weight: f64 = samples.iter().map(|sample| sample.weight).sum();
+        let rms = (squares.sum::<f64>() / weight.max(f64::MIN_POSITIVE)).sqrt();
+        let forward: Vec<_> = found.iter().chain(far).map(|found| (found.distance_sq, found.triangle)).collect();
+        let max = forward.iter().chain(&backward).map(|&(distance_sq, _)| distance_sq).fold(0.0, f64::max).sqrt();
+        Self { rms, max, forward, backward }
     }
 
     /// Vertices of the mesh that are further away than `most`, or corners of a triangle that is or that is nearest to a point
@@ -305,22 +450,18 @@ impl Errors {
         let far = self.forward.iter().zip(&before.forward).filter(|((now, _), _)| is_far(*now));
         let forward = far.flat_map(|(&(_, now), &(_, then))| [now, then]);
         let (vertices, middles) = self.backward.split_at(mesh.vertex_count());
-        let numbers = |distances: &[f64]| -> Vec<u32> {
-            (0..).zip(distances).filter(|(_, now)| is_far(**now)).map(|(i, _)| i).collect()
+        let numbers = |distances: &[(f64, u32)]| -> Vec<u32> {
+            (0..).zip(distances).filter(|(_, now)| is_far(now.0)).map(|(i, _)| i).collect()
         };
         let corners = forward.chain(numbers(middles)).flat_map(|t| mesh.triangle_vertices(t as usize));
         corners.chain(numbers(vertices)).collect()
     }
 }
 
-/// Squared distances of points from the original, of those that are given.
-fn distances_sq(there: &Bvh<'_>, count: usize, point: impl Fn(usize) -> Option<DVec3> + Sync) -> Vec<Option<f64>> {
-    in_chunks(count, |range| {
-        let mut searcher = there.searcher();
-        let distance_sq =
-            |p: DVec3, searcher: &mut Searcher<'_>| searcher.closest(p).map_or(0.0, |found| found.distance_sq);
-        range.map(|i| point(i).map(|p| distance_sq(p, &mut searcher))).collect()
-    })
+/// The squared distance of a point from the original, and the place of the nearest triangle; `guess` is such a place.
+fn nearest_place(searcher: &mut Searcher<'_>, point: DVec3, guess: Option<u32>) -> (f64, u32) {
+    let guess = guess.unwrap_or_else(|| searcher.last_place());
+    searcher.closest_place(point, guess).map_or((0.0, 0), |(place, distance_sq)| (distance_sq, place))
 }
 
 fn vertex(mesh: &Mesh, v: usize) -> DVec3 {

@@ -35,7 +35,7 @@ const PART: u32 = 12;
 const LEFT_BY_CUTS: f64 = 0.75;
 
 /// Largest share of the vertices that one pass is to take.
-const STEP: f64 = 0.7;
+const STEP: f64 = 0.4;
 
 /// How many edges there are below the cost at which a pass ends, for each vertex that it is to take.
 const TRIES: f64 = 3.0;

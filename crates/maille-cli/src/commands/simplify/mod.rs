@@ -176,7 +176,7 @@ pub(crate) fn preset(preset: Preset) -> SimplifyOptions {
         // clusters, unless --method says otherwise
         Preset::Fastest | Preset::Balanced => balanced,
         Preset::Fast => SimplifyOptions { metric: MetricKind::ConstrainedQuadric, ..balanced },
-        Preset::Best => SimplifyOptions { order: Order::Exact, ..balanced },
+        Preset::Best => balanced,
         Preset::Aggressive => SimplifyOptions {
             boundary: EdgePolicy::Hold,
             topology: TopologyPolicy::Free,
