@@ -6,7 +6,7 @@ use glam::DVec3;
 pub(crate) type OnTriangle = ([f64; 3], f64);
 
 /// The normal of a triangle, as long as twice its area.
-pub(super) fn scaled_normal([a, b, c]: [DVec3; 3]) -> DVec3 {
+pub(crate) fn scaled_normal([a, b, c]: [DVec3; 3]) -> DVec3 {
     (b - a).cross(c - a)
 }
 

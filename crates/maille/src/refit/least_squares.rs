@@ -7,7 +7,7 @@ use rayon::prelude::*;
 const ALONG: f64 = 0.05;
 
 /// What staying counts, of what the samples of a vertex count: for vertices with few samples.
-const STAY: f64 = 1e-3;
+const STAY: f32 = 1e-3;
 
 /// Most steps of the conjugate gradients, and the share of the residual at which they end. The matrix is about as well
 /// conditioned as a mass matrix with its blocks on the diagonal for preconditioner: a dozen steps do.
@@ -24,13 +24,13 @@ pub(super) struct Row {
     pub(super) weight: f64,
 }
 
-/// A symmetric matrix: xx, yy, zz, xy, xz, yz.
+/// A symmetric matrix: xx, yy, zz, xy, xz, yz. There are many, and they steer the steps, not where these end.
 #[derive(Debug, Clone, Copy, Default)]
-struct Symmetric([f64; 6]);
+struct Symmetric([f32; 6]);
 
 impl Symmetric {
     #[inline]
-    fn add(&mut self, Self(other): &Self, factor: f64) {
+    fn add(&mut self, Self(other): &Self, factor: f32) {
         for (sum, x) in self.0.iter_mut().zip(other) {
             *sum += x * factor;
         }
@@ -38,12 +38,12 @@ impl Symmetric {
 
     #[inline]
     fn times(&self, v: DVec3) -> DVec3 {
-        let [xx, yy, zz, xy, xz, yz] = self.0;
+        let [xx, yy, zz, xy, xz, yz] = self.0.map(f64::from);
         DVec3::new(xx * v.x + xy * v.y + xz * v.z, xy * v.x + yy * v.y + yz * v.z, xz * v.x + yz * v.y + zz * v.z)
     }
 
     fn matrix(&self) -> DMat3 {
-        let [xx, yy, zz, xy, xz, yz] = self.0;
+        let [xx, yy, zz, xy, xz, yz] = self.0.map(f64::from);
         DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz])
     }
 }
@@ -62,19 +62,14 @@ impl OnTriangle {
     fn add(&mut self, row: &Row) {
         let n = row.normal;
         let [along, across] = [row.weight * ALONG, row.weight * (1.0 - ALONG)];
-        let counts = Symmetric([
-            across * n.x * n.x + along,
-            across * n.y * n.y + along,
-            across * n.z * n.z + along,
-            across * n.x * n.y,
-            across * n.x * n.z,
-            across * n.y * n.z,
-        ]);
-        let wanted = counts.times(row.wanted);
+        let m = n * across;
+        let counts = [m.x * n.x + along, m.y * n.y + along, m.z * n.z + along, m.x * n.y, m.x * n.z, m.y * n.z];
+        let counts = Symmetric(counts.map(|x| x as f32));
+        let wanted = m * n.dot(row.wanted) + row.wanted * along;
         for k in 0..3 {
             let (this, next) = (row.weights[k], row.weights[(k + 1) % 3]);
-            self.corners[k].add(&counts, this * this);
-            self.sides[k].add(&counts, this * next);
+            self.corners[k].add(&counts, (this * this) as f32);
+            self.sides[k].add(&counts, (this * next) as f32);
             self.wanted[k] += wanted * this;
         }
     }
@@ -82,8 +77,15 @@ impl OnTriangle {
 
 /// The equations of all vertices: as many blocks as there are edges, whatever the number of samples.
 pub(super) struct Fit {
-    /// Of each vertex the place of its first block, and one more.
-    first: Vec<u32>,
+    /// Those of [`CHUNK`] vertices each, the last of fewer.
+    chunks: Vec<Equations>,
+}
+
+/// The equations of some vertices.
+#[derive(Default)]
+struct Equations {
+    /// Of each vertex the end of its blocks.
+    ends: Vec<u32>,
     /// The blocks beside the diagonal, and the vertices that they belong to.
     blocks: Vec<(u32, Symmetric)>,
     diagonal: Vec<Symmetric>,
@@ -92,16 +94,51 @@ pub(super) struct Fit {
     wanted: Vec<DVec3>,
 }
 
-/// The equations of one vertex.
-#[derive(Default)]
-struct Equations {
-    blocks: Vec<(u32, Symmetric)>,
-    diagonal: Symmetric,
-    wanted: DVec3,
-}
-
 /// Vertices in a piece of work.
 const CHUNK: usize = 1 << 11;
+
+impl Equations {
+    /// Adds a vertex, from its corners of triangles.
+    fn add(&mut self, corners: &[u32], triangles: &[[u32; 3]], on_triangles: &[OnTriangle], is_fixed: bool) {
+        let (mut diagonal, mut wanted, start) = (Symmetric::default(), DVec3::ZERO, self.blocks.len());
+        for &corner in corners {
+            let (t, k) = (corner as usize / 3, corner as usize % 3);
+            let on = &on_triangles[t];
+            diagonal.add(&on.corners[k], 1.0);
+            wanted += on.wanted[k];
+            for (other, side) in [((k + 1) % 3, k), ((k + 2) % 3, (k + 2) % 3)] {
+                let neighbor = triangles[t][other];
+                match self.blocks[start..].iter_mut().find(|(known, _)| *known == neighbor) {
+                    Some((_, block)) => block.add(&on.sides[side], 1.0),
+                    None => self.blocks.push((neighbor, on.sides[side])),
+                }
+            }
+        }
+        // the blocks of a row sum up to what all of its samples count, by what they count for the vertex
+        let mut sum = diagonal;
+        self.blocks[start..].iter().for_each(|(_, block)| sum.add(block, 1.0));
+        let weight = (sum.0[0] + sum.0[1] + sum.0[2]) / (1.0 + 2.0 * ALONG as f32);
+        diagonal.0[..3].iter_mut().for_each(|x| *x += STAY * weight);
+        let moves = !is_fixed && weight > 0.0;
+        self.inverse.push(if moves { diagonal.matrix().inverse() } else { DMat3::ZERO });
+        self.wanted.push(if moves { wanted } else { DVec3::ZERO });
+        self.diagonal.push(diagonal);
+        self.ends.push(self.blocks.len() as u32);
+    }
+
+    /// What the vertices from `first` on come to, for vectors at all vertices.
+    fn times<'a>(&'a self, first: usize, x: &'a [DVec3]) -> impl Iterator<Item = DVec3> + 'a {
+        let mut start = 0;
+        self.ends.iter().enumerate().map(move |(i, &end)| {
+            let blocks = &self.blocks[std::mem::replace(&mut start, end as usize)..end as usize];
+            if self.inverse[i] == DMat3::ZERO {
+                return DVec3::ZERO;
+            }
+            let others = blocks.iter().map(|(other, block)| block.times(x[*other as usize]));
+            self.diagonal[i].times(x[first + i]) + others.sum::<DVec3>()
+        })
+    }
+}
 
 impl Fit {
     /// The equations of triangles, but for vertices that are fixed. `on` names the triangle of each sample.
@@ -120,68 +157,29 @@ impl Fit {
         let on_triangles: Vec<OnTriangle> = (0..triangles.len()).into_par_iter().map(on_triangle).collect();
         // corners as three times the triangle, plus the number of the corner
         let by_vertex = grouped(fixed.len(), triangles.iter().flatten().copied());
-        let equations = |v: usize| {
+        let chunk = |start: usize| {
             let mut equations = Equations::default();
-            for &corner in by_vertex.of(v) {
-                let (t, k) = (corner as usize / 3, corner as usize % 3);
-                let on = &on_triangles[t];
-                equations.diagonal.add(&on.corners[k], 1.0);
-                equations.wanted += on.wanted[k];
-                for (other, side) in [((k + 1) % 3, k), ((k + 2) % 3, (k + 2) % 3)] {
-                    let neighbor = triangles[t][other];
-                    let known = equations.blocks.iter_mut().find(|(known, _)| *known == neighbor);
-                    match known {
-                        Some((_, block)) => block.add(&on.sides[side], 1.0),
-                        None => equations.blocks.push((neighbor, on.sides[side])),
-                    }
-                }
+            for (v, &is_fixed) in fixed.iter().enumerate().skip(start).take(CHUNK) {
+                equations.add(by_vertex.of(v), triangles, &on_triangles, is_fixed);
             }
             equations
         };
-        let chunk =
-            |start: usize| -> Vec<Equations> { (start..fixed.len().min(start + CHUNK)).map(equations).collect() };
-        let all: Vec<Vec<Equations>> = (0..fixed.len()).into_par_iter().step_by(CHUNK).map(chunk).collect();
-        let mut fit =
-            Self { first: vec![0], blocks: Vec::new(), diagonal: Vec::new(), inverse: Vec::new(), wanted: Vec::new() };
-        for (v, Equations { blocks, mut diagonal, wanted }) in all.into_iter().flatten().enumerate() {
-            // the blocks of a row sum up to what all of its samples count, by what they count for the vertex
-            let mut weight = diagonal;
-            blocks.iter().for_each(|(_, block)| weight.add(block, 1.0));
-            let [xx, yy, zz, ..] = weight.0;
-            let weight = (xx + yy + zz) / (1.0 + 2.0 * ALONG);
-            for x in &mut diagonal.0[..3] {
-                *x += STAY * weight;
-            }
-            let moves = !fixed[v] && weight > 0.0;
-            fit.inverse.push(if moves { diagonal.matrix().inverse() } else { DMat3::ZERO });
-            fit.wanted.push(wanted);
-            fit.diagonal.push(diagonal);
-            fit.blocks.extend(blocks);
-            fit.first.push(fit.blocks.len() as u32);
-        }
-        fit
+        Self { chunks: (0..fixed.len()).into_par_iter().step_by(CHUNK).map(chunk).collect() }
     }
 
     fn times_matrix(&self, x: &[DVec3]) -> Vec<DVec3> {
-        let image = |v: usize| {
-            if self.inverse[v] == DMat3::ZERO {
-                return DVec3::ZERO;
-            }
-            let blocks = &self.blocks[self.first[v] as usize..self.first[v + 1] as usize];
-            let others = blocks.iter().map(|(other, block)| block.times(x[*other as usize]));
-            self.diagonal[v].times(x[v]) + others.sum::<DVec3>()
-        };
-        (0..x.len()).into_par_iter().with_min_len(CHUNK).map(image).collect()
+        let chunks = self.chunks.par_iter().enumerate();
+        chunks.flat_map_iter(|(i, equations)| equations.times(i * CHUNK, x)).collect()
     }
 
     /// The moves of all vertices.
     pub(super) fn solve(&self) -> Vec<DVec3> {
-        let mut residual = self.wanted.clone();
-        residual.iter_mut().zip(&self.inverse).filter(|(_, inverse)| **inverse == DMat3::ZERO).for_each(|(r, _)| {
-            *r = DVec3::ZERO;
-        });
+        let mut residual: Vec<DVec3> = self.chunks.iter().flat_map(|equations| &equations.wanted).copied().collect();
         let mut x = vec![DVec3::ZERO; residual.len()];
-        let precondition = |r: &[DVec3]| -> Vec<DVec3> { r.iter().zip(&self.inverse).map(|(&r, &m)| m * r).collect() };
+        let precondition = |r: &[DVec3]| -> Vec<DVec3> {
+            let inverse = self.chunks.iter().flat_map(|equations| &equations.inverse);
+            r.iter().zip(inverse).map(|(&r, &m)| m * r).collect()
+        };
         let mut direction = precondition(&residual);
         let mut strength = dot(&residual, &direction);
         let enough = strength * ENOUGH * ENOUGH;
@@ -197,7 +195,7 @@ impl Fit {
             let now = dot(&residual, &better);
             let turn = now / strength;
             strength = now;
-            direction = better.iter().zip(&direction).map(|(b, d)| *b + *d * turn).collect();
+            direction.iter_mut().zip(&better).for_each(|(d, b)| *d = *b + *d * turn);
         }
         x
     }

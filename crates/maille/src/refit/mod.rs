@@ -13,7 +13,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::control::Cancelled;
-use crate::measure::triangle::{at, closest_on_triangle};
+use crate::measure::triangle::{at, closest_on_triangle, scaled_normal};
 use crate::measure::{Bvh, ClosestPoint, Searcher, SurfaceSampler};
 use crate::{Control, Mesh};
 use least_squares::{Fit, Row};
@@ -88,29 +88,26 @@ pub fn refit(
     };
     tell(0)?;
     let there = Bvh::new(original);
-    let Samples { samples, at_once, is_few } = Samples::new(mesh, original, there.triangles_in_space_order(), options);
-    // fitted to as well, vertices would pull the surface outwards; but largest distances are mostly there
-    let (vertices, of_sample) = vertices(original, there.triangles_in_space_order(), samples.len());
+    let points = Points::new(mesh, original, there.triangles_in_space_order(), options);
     let triangles: Vec<[u32; 3]> = (0..mesh.triangle_count()).map(|t| mesh.triangle_vertices(t)).collect();
     let sides = Sides::new(&triangles);
     let fixed = sides.fixed_vertices(&triangles, mesh.vertex_count(), &options.fixed);
-    let (mut found, mut far) = first_nearest(mesh, &sides, (&samples, at_once), (&vertices, &of_sample));
-    let before = Errors::of(mesh, &there, [&found, &far], &samples, None);
+    let first = points.first_nearest(mesh, &sides);
+    let before = Errors::of(mesh, &there, &points, &first, None);
     (report.rms_before, report.max_before) = (before.rms, before.max);
     (report.rms_after, report.max_after) = (before.rms, before.max);
+    let mut nearest = first.clone();
     let mut moved = Moved::new(mesh);
     for round in 1..=options.rounds {
         tell(round)?;
-        moved.add(&moves(&triangles, &samples, &found, &fixed), mesh);
-        if round < options.rounds {
-            follow_samples(&moved.mesh(mesh), &sides, &samples, &mut found, is_few);
-        }
+        let moves = moves(&moved.mesh(mesh), &triangles, &points, &nearest[..points.samples], &fixed);
+        moved.add(&moves, mesh);
+        let count = if round < options.rounds { points.samples } else { points.len() };
+        points.follow(&moved.mesh(mesh), &sides, &mut nearest[..count]);
     }
     let mut result = moved.mesh(mesh);
-    follow_samples(&result, &sides, &samples, &mut found, is_few);
-    follow(&result, &sides, &vertices, &mut far);
     let mut is_exact = false;
-    let mut after = Errors::of(&result, &there, [&found, &far], &samples, Some(&before));
+    let mut after = Errors::of(&result, &there, &points, &nearest, Some((&before, &|_| true)));
     for _ in 0..=HELD_BACK {
         if after.max <= before.max {
             mesh.positions = result.positions;
@@ -120,70 +117,184 @@ pub fn refit(
         tell(options.rounds)?;
         if !is_exact {
             // what was followed may be nearer to another triangle
-            let here = Bvh::new(&result);
-            let is_far = |found: &ClosestPoint| found.distance_sq > before.max * before.max;
-            search_again(&here, &samples, &mut found, is_far);
-            search_again(&here, &vertices, &mut far, is_far);
-            drop(here);
-            after = Errors::of(&result, &there, [&found, &far], &samples, Some(&after));
+            let most = before.max * before.max;
+            let is_far = |p: DVec3, t: u32| on_triangle(&result, t, p).distance_sq > most;
+            points.search_again(&Bvh::new(&result), &mut nearest, is_far);
+            after = Errors::of(&result, &there, &points, &nearest, Some((&after, &|_| false)));
             is_exact = true;
             continue;
         }
-        moved.take_back(mesh, &after.vertices_beyond(before.max, &before, mesh));
+        moved.take_back(mesh, &after.vertices_beyond(before.max, &result, &points, [&nearest, &first]));
         let held = moved.mesh(mesh);
         let has_moved = |v: u32| held.positions[v as usize] != result.positions[v as usize];
-        let is_stale = |t: usize| mesh.triangle_vertices(t).into_iter().any(has_moved);
-        let stale: Vec<bool> = (0..mesh.triangle_count()).into_par_iter().map(is_stale).collect();
-        let own = Bvh::new(&held);
-        let is_stale = |found: &ClosestPoint| stale[found.triangle as usize];
-        search_again(&own, &samples, &mut found, is_stale);
-        search_again(&own, &vertices, &mut far, is_stale);
-        drop(own);
-        after = after.updated(&held, &there, [&found, &far], &samples, &stale, has_moved);
+        let stale: Vec<bool> = triangles.par_iter().map(|corners| corners.iter().any(|&v| has_moved(v))).collect();
+        points.search_again(&Bvh::new(&held), &mut nearest, |_, t| stale[t as usize]);
+        let vertices = mesh.vertex_count();
+        let is_stale = |i: usize| if i < vertices { has_moved(i as u32) } else { stale[i - vertices] };
+        after = Errors::of(&held, &there, &points, &nearest, Some((&after, &is_stale)));
         result = held;
     }
     Ok(report)
 }
 
-/// Points of the original to fit to.
-struct Samples {
-    samples: Vec<Sample>,
-    /// So many after one another lie on the same triangle.
-    at_once: usize,
-    /// Fewer than triangles.
-    is_few: bool,
+/// Points of the original: those to fit to, the samples, and the vertices. Fitted to as well, these would pull the surface
+/// outwards; but largest distances are mostly there.
+///
+/// What can be found out again is not kept: there may be several points to a triangle.
+struct Points<'a> {
+    original: &'a Mesh,
+    /// Number of samples.
+    samples: usize,
+    source: Source,
+    /// The vertices that triangles use, in the order in which these name them first.
+    vertices: Vec<u32>,
+    /// Of each of them, a sample that is not far.
+    near: Vec<u32>,
 }
 
-impl Samples {
-    /// Of each triangle the same where that is not too many, as rules for integrals want them, else at random.
-    fn new(mesh: &Mesh, original: &Mesh, order: impl ExactSizeIterator<Item = u32>, options: &RefitOptions) -> Self {
+/// Where samples come from.
+enum Source {
+    /// The same places of each triangle, by its area.
+    Rule { triangles: Vec<u32>, places: &'static [[f64; 3]] },
+    /// At random: fewer than triangles.
+    Random(Vec<Sample>),
+}
+
+impl<'a> Points<'a> {
+    /// `order` names all triangles of the original, those near one another together.
+    fn new(mesh: &Mesh, original: &'a Mesh, order: impl ExactSizeIterator<Item = u32>, options: &RefitOptions) -> Self {
         let wanted = mesh.vertex_count() as f64 * options.samples_per_vertex;
         let per_triangle = wanted / original.triangle_count() as f64;
-        let rule: &[[f64; 3]] = if per_triangle >= 2.0 {
-            &THREE_POINTS
-        } else if per_triangle >= 0.5 {
-            &[[1.0 / 3.0; 3]]
-        } else {
-            let count = wanted.ceil() as u64;
-            let sampler = SurfaceSampler::new(original, order, options.seed);
-            let samples = in_chunks(count as usize, |range| {
-                let samples = sampler.samples(count, range.start as u64..range.end as u64);
-                let normal = |triangle: u32| scaled_normal(original, triangle).normalize_or_zero();
-                samples.map(|s| Sample { point: s.point, normal: normal(s.triangle), weight: 1.0 }).collect()
-            });
-            return Self { samples, at_once: 1, is_few: true };
+        let triangles: Vec<u32> = order.collect();
+        let rule = |triangles| Source::Rule {
+            triangles,
+            places: if per_triangle >= 2.0 { &THREE_POINTS } else { &[[1.0 / 3.0; 3]] },
         };
-        let order: Vec<u32> = order.collect();
-        let samples = in_chunks(order.len(), |range| {
-            let of_triangle = |&t: &u32| {
-                let (corners, scaled) = (original.triangle_points(t as usize), scaled_normal(original, t));
-                let (normal, weight) = (scaled.normalize_or_zero(), scaled.length());
-                rule.iter().map(move |&place| Sample { point: at(corners, place), normal, weight })
-            };
-            order[range].iter().flat_map(of_triangle).collect()
+        let mut known = vec![false; original.vertex_count()];
+        let corners = triangles.iter().enumerate().flat_map(|(i, &t)| {
+            let corners = original.triangle_vertices(t as usize);
+            corners.map(|v| (v, i))
         });
-        Self { samples, at_once: rule.len(), is_few: false }
+        let new = corners.filter(|&(v, _)| !std::mem::replace(&mut known[v as usize], true));
+        let (vertices, near): (Vec<u32>, Vec<usize>) = new.unzip();
+        let count = triangles.len();
+        let source = if per_triangle >= 0.5 { rule(triangles) } else { random(original, triangles, wanted, options) };
+        let samples = source.len();
+        let near = near.into_iter().map(|i| (i * samples / count) as u32).collect();
+        Self { original, samples, source, vertices, near }
     }
+
+    /// Number of samples and vertices.
+    fn len(&self) -> usize {
+        self.samples + self.vertices.len()
+    }
+
+    /// A sample.
+    #[inline]
+    fn sample(&self, i: usize) -> Sample {
+        match &self.source {
+            Source::Rule { triangles, places } => {
+                let corners = self.original.triangle_points(triangles[i / places.len()] as usize);
+                let scaled = scaled_normal(corners);
+                let normal = scaled.normalize_or_zero();
+                Sample { point: at(corners, places[i % places.len()]), normal, weight: scaled.length() }
+            }
+            Source::Random(samples) => samples[i],
+        }
+    }
+
+    /// A sample or, after them, a vertex.
+    #[inline]
+    fn point(&self, i: usize) -> DVec3 {
+        match &self.source {
+            _ if i >= self.samples => vertex(self.original, self.vertices[i - self.samples] as usize),
+            Source::Rule { triangles, places } => {
+                let corners = self.original.triangle_points(triangles[i / places.len()] as usize);
+                at(corners, places[i % places.len()])
+            }
+            Source::Random(samples) => samples[i].point,
+        }
+    }
+
+    /// The triangles of the mesh that are nearest to all points.
+    ///
+    /// One search serves the samples on one triangle of the original, and the vertices near them: they are
+    /// [followed](Self::follow) from there. Those that are further away by that than the rest are searched for
+    /// themselves, so that the largest distance of all is the true one.
+    fn first_nearest(&self, mesh: &Mesh, sides: &Sides) -> Vec<u32> {
+        let here = Bvh::new(mesh);
+        let at_once = match &self.source {
+            Source::Rule { places, .. } => places.len(),
+            Source::Random(_) => 1,
+        };
+        let searched = in_chunks(self.samples / at_once, |range| {
+            let mut searcher = here.searcher();
+            let closest = |i: usize| searcher.closest(self.point(i * at_once)).expect("there are triangles");
+            range.map(closest).map(|found| (found.triangle, found.distance_sq)).collect()
+        });
+        let most = searched.iter().map(|&(_, distance_sq)| distance_sq).fold(0.0, f64::max);
+        let samples = (0..self.samples).map(|i| searched[i / at_once].0);
+        let vertices = self.near.iter().map(|&i| searched[i as usize / at_once].0);
+        let mut nearest: Vec<u32> = samples.chain(vertices).collect();
+        drop(searched);
+        self.walk(mesh, sides, &mut nearest);
+        self.search_again(&here, &mut nearest, |p, t| on_triangle(mesh, t, p).distance_sq > most);
+        nearest
+    }
+
+    /// Brings the nearest triangles of the first points up to date after vertices have moved. Good enough to fit to; what
+    /// is nearest may be missed at folds, so the distances found are never too small.
+    fn follow(&self, mesh: &Mesh, sides: &Sides, nearest: &mut [u32]) {
+        self.walk(mesh, sides, nearest);
+        if let Source::Random(_) = self.source {
+            // few, so that each may be looked at again that has come to the side of a triangle
+            let samples = nearest.len().min(self.samples);
+            let is_at_side = |p: DVec3, t: u32| on_triangle(mesh, t, p).barycentric.contains(&0.0);
+            self.search_again(&Bvh::new(mesh), &mut nearest[..samples], is_at_side);
+        }
+    }
+
+    /// From triangles over sides to neighbours as long as these are nearer.
+    fn walk(&self, mesh: &Mesh, sides: &Sides, nearest: &mut [u32]) {
+        nearest.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, nearest)| {
+            for (i, nearest) in nearest.iter_mut().enumerate() {
+                *nearest = sides.walk(mesh, *nearest, self.point(chunk * CHUNK + i));
+            }
+        });
+    }
+
+    /// Looks anew for the triangles nearest to some of the first points. (Those on triangles that have not moved are as near
+    /// as before, or nearer.)
+    fn search_again(&self, here: &Bvh<'_>, nearest: &mut [u32], which: impl Fn(DVec3, u32) -> bool + Sync) {
+        nearest.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, nearest)| {
+            let mut searcher = here.searcher();
+            for (i, nearest) in nearest.iter_mut().enumerate() {
+                let point = self.point(chunk * CHUNK + i);
+                if which(point, *nearest) {
+                    *nearest = searcher.closest(point).expect("there are triangles").triangle;
+                }
+            }
+        });
+    }
+}
+
+impl Source {
+    fn len(&self) -> usize {
+        match self {
+            Self::Rule { triangles, places } => triangles.len() * places.len(),
+            Self::Random(samples) => samples.len(),
+        }
+    }
+}
+
+fn random(original: &Mesh, triangles: Vec<u32>, wanted: f64, options: &RefitOptions) -> Source {
+    let count = wanted.ceil() as u64;
+    let sampler = SurfaceSampler::new(original, triangles, options.seed);
+    Source::Random(in_chunks(count as usize, |range| {
+        let normal = |t: u32| scaled_normal(original.triangle_points(t as usize)).normalize_or_zero();
+        let samples = sampler.samples(count, range.start as u64..range.end as u64);
+        samples.map(|s| Sample { point: s.point, normal: normal(s.triangle), weight: 1.0 }).collect()
+    }))
 }
 
 /// A rule that is exact for quadratic functions, as squared distances are where one triangle lies on another.
@@ -196,29 +307,13 @@ const THREE_POINTS: [[f64; 3]; 3] = {
 /// How often moves are taken back where the largest distance has grown, before all are.
 const HELD_BACK: usize = 4;
 
-/// A point of the original, and the normal there.
+/// A point of the original to fit to, and the normal there.
 #[derive(Debug, Clone, Copy)]
 struct Sample {
     point: DVec3,
     normal: DVec3,
     /// What it counts.
     weight: f64,
-}
-
-fn scaled_normal(mesh: &Mesh, triangle: u32) -> DVec3 {
-    let [a, b, c] = mesh.triangle_points(triangle as usize);
-    (b - a).cross(c - a)
-}
-
-/// The vertices that triangles use, in the order in which these name them first; and of each, a sample that is not far if
-/// there are so many in the same order.
-fn vertices(mesh: &Mesh, order: impl ExactSizeIterator<Item = u32>, samples: usize) -> (Vec<Sample>, Vec<u32>) {
-    let mut known = vec![false; mesh.vertex_count()];
-    let triangles = order.len();
-    let corners = order.enumerate().flat_map(|(i, t)| mesh.triangle_vertices(t as usize).map(|v| (i, v)));
-    let new = corners.filter(|&(_, v)| !std::mem::replace(&mut known[v as usize], true));
-    let sample = |v: u32| Sample { point: vertex(mesh, v as usize), normal: DVec3::ZERO, weight: 0.0 };
-    new.map(|(i, v)| (sample(v), (i * samples / triangles) as u32)).unzip()
 }
 
 /// Samples or points in a piece of work.
@@ -230,97 +325,13 @@ fn in_chunks<T: Clone + Send>(count: usize, work: impl Fn(std::ops::Range<usize>
     chunks.collect::<Vec<_>>().concat()
 }
 
-/// The points of the mesh that are nearest to the samples, `at_once` of which lie on one triangle of the original, and to
-/// vertices that lie near given samples.
-///
-/// One search serves several points, which are [followed](follow) from there. Those that are further away by that than
-/// the rest are searched for themselves, so that the largest distance of all is the true one.
-fn first_nearest(
-    mesh: &Mesh,
-    sides: &Sides,
-    (samples, at_once): (&[Sample], usize),
-    (vertices, of_sample): (&[Sample], &[u32]),
-) -> (Vec<ClosestPoint>, Vec<ClosestPoint>) {
-    let here = Bvh::new(mesh);
-    let mut found = in_chunks(samples.len() / at_once, |range| {
-        let mut searcher = here.searcher();
-        let several = |i: usize| {
-            let closest = searcher.closest(samples[i * at_once].point).expect("there are triangles");
-            std::iter::repeat_n(closest, at_once)
-        };
-        range.flat_map(several).collect()
-    });
-    let most = found.iter().step_by(at_once).map(|found| found.distance_sq).fold(0.0, f64::max);
-    let mut far: Vec<ClosestPoint> = of_sample.iter().map(|&i| found[i as usize]).collect();
-    if at_once > 1 {
-        follow(mesh, sides, samples, &mut found);
-    }
-    follow(mesh, sides, vertices, &mut far);
-    let is_far = |found: &ClosestPoint| found.distance_sq > most;
-    search_again(&here, samples, &mut found, is_far);
-    search_again(&here, vertices, &mut far, is_far);
-    (found, far)
-}
-
-/// Brings the nearest points up to date after vertices have moved: from the triangle that was nearest, over sides to
-/// neighbours as long as these are nearer. Good enough to fit to; what is nearest may be missed at folds, so the distances
-/// found are never too small.
-fn follow(mesh: &Mesh, sides: &Sides, samples: &[Sample], found: &mut [ClosestPoint]) {
-    samples.par_chunks(CHUNK).zip(found.par_chunks_mut(CHUNK)).for_each(|(samples, found)| {
-        for (sample, found) in samples.iter().zip(found) {
-            let mut best = on_triangle(mesh, found.triangle, sample.point);
-            for _ in 0..MOST_STEPS {
-                let before = best.triangle;
-                for (corner, &weight) in best.barycentric.clone().iter().enumerate() {
-                    // the point is on the side opposite to the corner
-                    let neighbor = sides.opposite[before as usize][corner];
-                    if weight > 0.0 || neighbor == u32::MAX {
-                        continue;
-                    }
-                    let other = on_triangle(mesh, neighbor, sample.point);
-                    if other.distance_sq < best.distance_sq {
-                        best = other;
-                    }
-                }
-                if best.triangle == before {
-                    break;
-                }
-            }
-            *found = best;
-        }
-    });
-}
-
-/// As [`follow`]; where samples are few, what is at the side of a triangle then is searched for.
-fn follow_samples(mesh: &Mesh, sides: &Sides, samples: &[Sample], found: &mut [ClosestPoint], is_few: bool) {
-    follow(mesh, sides, samples, found);
-    if is_few {
-        search_again(&Bvh::new(mesh), samples, found, |found| found.barycentric.contains(&0.0));
-    }
-}
-
-/// Triangles that [`follow`] goes on to.
+/// Triangles that [`Sides::walk`] goes on to.
 const MOST_STEPS: usize = 16;
 
 fn on_triangle(mesh: &Mesh, triangle: u32, p: DVec3) -> ClosestPoint {
     let corners = mesh.triangle_points(triangle as usize);
     let (barycentric, distance_sq) = closest_on_triangle(p, corners);
     ClosestPoint { triangle, barycentric, point: at(corners, barycentric), distance_sq }
-}
-
-/// Looks anew for some of the nearest points. (Those on triangles that have not moved are as near as before, or nearer.)
-fn search_again(
-    here: &Bvh<'_>,
-    samples: &[Sample],
-    found: &mut [ClosestPoint],
-    which: impl Fn(&ClosestPoint) -> bool + Sync,
-) {
-    samples.par_chunks(CHUNK).zip(found.par_chunks_mut(CHUNK)).for_each(|(samples, found)| {
-        let mut searcher = here.searcher();
-        for (sample, found) in samples.iter().zip(found).filter(|(_, found)| which(found)) {
-            *found = searcher.closest(sample.point).expect("there are triangles");
-        }
-    });
 }
 
 /// What lies beyond the sides of triangles.
@@ -348,6 +359,29 @@ impl Sides {
         Self { opposite }
     }
 
+    /// From a triangle over sides to neighbours as long as these are nearer to a point.
+    fn walk(&self, mesh: &Mesh, triangle: u32, p: DVec3) -> u32 {
+        let mut best = on_triangle(mesh, triangle, p);
+        for _ in 0..MOST_STEPS {
+            let ClosestPoint { triangle: here, barycentric, .. } = best;
+            for (corner, &weight) in barycentric.iter().enumerate() {
+                // zero: the point is on the side opposite to the corner
+                let neighbor = self.opposite[here as usize][corner];
+                if weight > 0.0 || neighbor == u32::MAX {
+                    continue;
+                }
+                let other = on_triangle(mesh, neighbor, p);
+                if other.distance_sq < best.distance_sq {
+                    best = other;
+                }
+            }
+            if best.triangle == here {
+                break;
+            }
+        }
+        best.triangle
+    }
+
     /// Vertices that stay: by wish, and on sides without a neighbour.
     fn fixed_vertices(&self, triangles: &[[u32; 3]], vertices: usize, wanted: &[bool]) -> Vec<bool> {
         let mut fixed = wanted.to_vec();
@@ -363,14 +397,13 @@ impl Sides {
 }
 
 /// The moves that make the distances of the samples from their nearest points least.
-fn moves(triangles: &[[u32; 3]], samples: &[Sample], found: &[ClosestPoint], fixed: &[bool]) -> Vec<DVec3> {
-    let row = |i: usize| Row {
-        weights: found[i].barycentric,
-        normal: samples[i].normal,
-        wanted: samples[i].point - found[i].point,
-        weight: samples[i].weight,
+fn moves(mesh: &Mesh, triangles: &[[u32; 3]], points: &Points<'_>, nearest: &[u32], fixed: &[bool]) -> Vec<DVec3> {
+    let row = |i: usize| {
+        let Sample { point, normal, weight } = points.sample(i);
+        let found = on_triangle(mesh, nearest[i], point);
+        Row { weights: found.barycentric, normal, wanted: point - found.point, weight }
     };
-    Fit::new(triangles, found.iter().map(|found| found.triangle), row, fixed).solve()
+    Fit::new(triangles, nearest.iter().copied(), row, fixed).solve()
 }
 
 /// Distances both ways.
@@ -380,75 +413,56 @@ struct Errors {
     rms: f64,
     /// Largest distance of a sample, of a vertex of the original, or of a point of the mesh.
     max: f64,
-    /// Of each sample and vertex of the original: squared distance and triangle.
-    forward: Vec<(f64, u32)>,
     /// Of each vertex of the mesh, and of the middle of each of its triangles: squared distance from the original, and the
     /// place of the triangle there.
     backward: Vec<(f64, u32)>,
 }
 
+/// What was known before vertices moved, and which of [`Errors::backward`] have to be looked for anew.
+type Before<'a> = (&'a Errors, &'a (dyn Fn(usize) -> bool + Sync));
+
 impl Errors {
-    /// `found` are the nearest points of samples and of vertices of the original, `before` what was known before the
-    /// vertices moved.
-    fn of(
-        mesh: &Mesh,
-        there: &Bvh<'_>,
-        found: [&[ClosestPoint]; 2],
-        samples: &[Sample],
-        before: Option<&Self>,
-    ) -> Self {
-        let guess = |i: usize| before.map(|before| before.backward[i].1);
+    fn of(mesh: &Mesh, there: &Bvh<'_>, points: &Points<'_>, nearest: &[u32], before: Option<Before<'_>>) -> Self {
         let vertices = mesh.vertex_count();
         let backward = in_chunks(vertices + mesh.triangle_count(), |range| {
             let mut searcher = there.searcher();
             let point = |i: usize| if i < vertices { vertex(mesh, i) } else { middle(mesh, i - vertices) };
-            range.map(|i| nearest_place(&mut searcher, point(i), guess(i))).collect()
-        });
-        Self::summed(found, samples, backward)
-    }
-
-    /// The same after some vertices have moved, and with them the triangles that are stale.
-    fn updated(
-        &self,
-        mesh: &Mesh,
-        there: &Bvh<'_>,
-        found: [&[ClosestPoint]; 2],
-        samples: &[Sample],
-        stale: &[bool],
-        has_moved: impl Fn(u32) -> bool + Sync,
-    ) -> Self {
-        let vertices = mesh.vertex_count();
-        let backward = in_chunks(self.backward.len(), |range| {
-            let mut searcher = there.searcher();
-            let place = |i: usize| {
-                let known = self.backward[i];
-                let point = if i < vertices {
-                    has_moved(i as u32).then(|| vertex(mesh, i))
-                } else {
-                    stale[i - vertices].then(|| middle(mesh, i - vertices))
-                };
-                point.map_or(known, |point| nearest_place(&mut searcher, point, Some(known.1)))
+            let place = |i: usize| match before {
+                Some((before, is_stale)) if !is_stale(i) => before.backward[i],
+                _ => nearest_place(&mut searcher, point(i), before.map(|(before, _)| before.backward[i].1)),
             };
             range.map(place).collect()
         });
-        Self::summed(found, samples, backward)
-    }
-
-    fn summed([found, far]: [&[ClosestPoint]; 2], samples: &[Sample], backward: Vec<(f64, u32)>) -> Self {
-        let squares = found.iter().zip(samples).map(|(found, sample)| found.distance_sq * sample.weight);
-        let weight: f64 = samples.iter().map(|sample| sample.weight).sum();
-        let rms = (squares.sum::<f64>() / weight.max(f64::MIN_POSITIVE)).sqrt();
-        let forward: Vec<_> = found.iter().chain(far).map(|found| (found.distance_sq, found.triangle)).collect();
-        let max = forward.iter().chain(&backward).map(|&(distance_sq, _)| distance_sq).fold(0.0, f64::max).sqrt();
-        Self { rms, max, forward, backward }
+        // sums of pieces, so that the number of threads does not matter
+        let pieces = in_chunks(nearest.len(), |range| {
+            let (mut squares, mut weights, mut most) = (0.0, 0.0, 0.0_f64);
+            for i in range {
+                let distance_sq = on_triangle(mesh, nearest[i], points.point(i)).distance_sq;
+                most = most.max(distance_sq);
+                if i < points.samples {
+                    let weight = points.sample(i).weight;
+                    squares += distance_sq * weight;
+                    weights += weight;
+                }
+            }
+            vec![(squares, weights, most)]
+        });
+        let (mut squares, mut weights, mut most) = (0.0, f64::MIN_POSITIVE, 0.0_f64);
+        for piece in pieces {
+            (squares, weights, most) = (squares + piece.0, weights + piece.1, most.max(piece.2));
+        }
+        most = backward.iter().fold(most, |most, &(distance_sq, _)| most.max(distance_sq));
+        Self { rms: (squares / weights).sqrt(), max: most.sqrt(), backward }
     }
 
     /// Vertices of the mesh that are further away than `most`, or corners of a triangle that is or that is nearest to a point
-    /// that is; `before` are the errors before the moves, whose nearest triangles count, too.
-    fn vertices_beyond(&self, most: f64, before: &Self, mesh: &Mesh) -> Vec<u32> {
+    /// that is, now or before the moves.
+    fn vertices_beyond(&self, most: f64, mesh: &Mesh, points: &Points<'_>, nearest: [&[u32]; 2]) -> Vec<u32> {
         let is_far = |distance_sq: f64| distance_sq > most * most;
-        let far = self.forward.iter().zip(&before.forward).filter(|((now, _), _)| is_far(*now));
-        let forward = far.flat_map(|(&(_, now), &(_, then))| [now, then]);
+        let far = in_chunks(points.len(), |range| {
+            range.filter(|&i| is_far(on_triangle(mesh, nearest[0][i], points.point(i)).distance_sq)).collect()
+        });
+        let forward = far.into_iter().flat_map(|i| nearest.map(|nearest| nearest[i]));
         let (vertices, middles) = self.backward.split_at(mesh.vertex_count());
         let numbers = |distances: &[(f64, u32)]| -> Vec<u32> {
             (0..).zip(distances).filter(|(_, now)| is_far(now.0)).map(|(i, _)| i).collect()

@@ -397,3 +397,88 @@ impl LocalQuadric {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn vector(range: f32) -> impl Strategy<Value = [f32; 3]> {
+        prop::array::uniform3(-range..range)
+    }
+
+    /// Planes through a point, in single precision around it and in double precision around the origin.
+    fn planes(normals: &[[f32; 3]], point: DVec3) -> (LocalPlanes, Quadric) {
+        let (mut local, mut wide) = (LocalPlanes::default(), Quadric::default());
+        for &n in normals {
+            let length_sq = dot(n, n);
+            let weight = length_sq.sqrt() / 2.0;
+            local += LocalPlanes::of_face(n, weight, length_sq);
+            wide += Quadric::plane(DVec3::from(n.map(f64::from)).normalize(), point, f64::from(weight));
+        }
+        (local, wide)
+    }
+
+    fn normals() -> impl Strategy<Value = Vec<[f32; 3]>> {
+        let normal = vector(1.0).prop_filter("no direction", |&n| dot(n, n) > 1e-3);
+        prop::collection::vec(normal, 3..8)
+    }
+
+    proptest! {
+        #[test]
+        fn double_precision_says_the_same(
+            u in normals(), v in normals(), center in vector(100.0), half in vector(0.5), off in vector(1.0), next in vector(0.5),
+        ) {
+            prop_assume!(dot(half, half) > 1e-3);
+            let double = |v: [f32; 3]| DVec3::from(v.map(f64::from));
+            let [center, wide_half, wide_off] = [center, half, off].map(double);
+            let (local_u, wide_u) = planes(&u, center - wide_half);
+            let (local_v, wide_v) = planes(&v, center + wide_half);
+            let (local, wide) = (LocalPlanes::of_edge(&local_u, &local_v, half), wide_u + wide_v);
+            let close = |a: f32, b: f64| (f64::from(a) - b).abs() <= 1e-4 * (b.abs() + wide.weight);
+            prop_assert!(close(local.at(off), wide.at(center + wide_off)));
+            prop_assert!(close(local.mean(local.at(off)) * local.weight, wide.at(center + wide_off)));
+            // merged somewhere, and merged again
+            let merged = LocalQuadric::merged(&local, off);
+            let there = center + wide_off;
+            prop_assert!((merged.around(there).at(center) - wide.at(center)).abs() <= 1e-3 * (1.0 + wide.at(center)));
+            let pair = LocalQuadric::of_edge(&merged, &LocalQuadric::from(local_v), next);
+            let middle = there + double(next);
+            let (local_w, wide_w) = planes(&v, middle + double(next));
+            prop_assert!((f64::from(pair.at(off)) - (wide + wide_w).at(middle + wide_off)).abs() <= 1e-3 * (1.0 + wide.weight) * 10.0);
+            prop_assert_eq!(local_w.diagonal.to_array(), local_v.diagonal.to_array());
+            // no place nearby is better than the best
+            let place = local.place(half, PlacementKind::Optimal);
+            let noise = 1e-4 * local.weight;
+            prop_assert!(place.end.is_some() || place.value <= local.at([0.0; 3]) + noise);
+            prop_assert!(place.value <= local.at(half) + noise && place.value <= local.at(scaled(half, -1.0)) + noise);
+        }
+
+        #[test]
+        fn four_lanes_are_four_times_one(
+            ends in prop::collection::vec((normals(), normals(), vector(0.5), vector(0.5)), 4),
+        ) {
+            let mut all = Vec::new();
+            let mut halves = [[0.0; 4]; 3];
+            for (i, (u, v, half, off)) in ends.iter().enumerate() {
+                let pair = |n: &[[f32; 3]]| planes(n, DVec3::ZERO).0;
+                let merged = LocalQuadric::merged(&LocalPlanes::of_edge(&pair(u), &pair(v), *half), *off);
+                all.extend([merged, LocalQuadric::from(pair(v))]);
+                (0..3).for_each(|k| halves[k][i] = half[k]);
+            }
+            let half = axes(|k| f32x4::new(halves[k]));
+            let four = LocalQuadric::of_edges(&all, &[[0, 1], [2, 3], [4, 5], [6, 7]], half);
+            let (place, value, is_near) = four.optima(half);
+            for i in 0..4 {
+                let half = axes(|k| halves[k][i]);
+                let one = LocalQuadric::of_edge(&all[2 * i], &all[2 * i + 1], half);
+                let (expected, least) = one.optimum();
+                prop_assert_eq!(axes(|k| place[k].to_array()[i]), expected);
+                prop_assert_eq!(value.to_array()[i], least);
+                let near = dot(expected, expected) <= 4.0 * REACH * REACH * dot(half, half);
+                prop_assert_eq!(is_near >> i & 1 == 1, near);
+            }
+        }
+    }
+}

@@ -9,11 +9,9 @@
 //! | `queue` | edges by cost, cheapest first |
 //! | `passes` | many collapses at once, on all cores, before the queue |
 //! | `metric`, `quadric` | costs and placements |
+//! | `local_quadric` | the same for passes: in single precision, four edges at a time |
 //! | `attributes` | the same with what wedges carry |
 //! | `corners` | which wedge each corner has |
-//! | `lindstrom_turk` | the metric of Lindstrom and Turk |
-//! | `uncertain` | probabilistic quadrics, line quadrics |
-//! | `silhouette` | where contours are likely to be seen |
 //! | `lindstrom_turk` | the metric of Lindstrom and Turk |
 //! | `uncertain` | probabilistic quadrics, line quadrics |
 //! | `silhouette` | where contours are likely to be seen |

@@ -112,11 +112,11 @@ pub enum Order {
     /// is that of space: what is worked on next is near in memory. On a million triangles this takes a third to a half
     /// less time, and the measured error rises by less than 1 %.
     Spatial,
-    /// While more than twice the wanted triangles are left (and more than 32,768), in passes: each takes cheap edges all
-    /// over the surface that do not touch one another, on all cores. Borders, seams and the rest go the way of
-    /// [`Spatial`](Self::Spatial). On a million triangles faster by half on one core, by more on several, at the same
-    /// measured error within 2 %. Limits on valence, triangle quality, deviation of normals and self-intersections, pairs
-    /// to be joined, [`MetricKind::ShortestEdge`] and [`MetricKind::LindstromTurk`] rule passes out.
+    /// As long as many triangles are left (32,768) in passes, on all cores: each part of the surface by itself takes its
+    /// cheapest edges, up to a cost that is the same for all. Borders, seams and the rest go the way of
+    /// [`Spatial`](Self::Spatial). On a million triangles three to five times as fast on one core, at the same measured error
+    /// within 2 %. Limits on valence, triangle quality, deviation of normals and self-intersections, pairs to be joined,
+    /// attributes that count, weights by angle and metrics that know more than planes of faces rule passes out.
     #[default]
     Passes,
 }

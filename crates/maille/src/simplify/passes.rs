@@ -886,8 +886,8 @@ impl Part<'_> {
         let len = star.ring.len;
         for (i, &v) in star.ring.neighbors().iter().enumerate() {
             let p = from_kept(v);
-            for k in 0..3 {
-                star.points[k][i] = p[k];
+            for (points, x) in star.points.iter_mut().zip(p) {
+                points[i] = x;
             }
         }
         // once more the first, up to what four at a time look at
@@ -971,9 +971,7 @@ impl Star {
         let last = corner(self.ring.kept_faces);
         self.dying = [cross(self.removed_at, corner(0)), cross(last, self.removed_at)];
         for normal in self.dying {
-            for k in 0..3 {
-                self.flux[0][k] += normal[k];
-            }
+            self.flux[0].iter_mut().zip(normal).for_each(|(flux, x)| *flux += x);
         }
     }
 

@@ -425,7 +425,7 @@ impl Fans {
                 if follow {
                     part.corners.extend(fan.iter().flat_map(|spoke| [spoke.corner; 2]));
                 }
-                2 * fan.len() as u32 | Slot::LIST
+                (2 * fan.len() as u32) | Slot::LIST
             };
             part.slots.push(Slot { first, len });
         }

@@ -42,7 +42,7 @@ fn the_number_of_threads_changes_nothing() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| reduced(&mesh, &SimplifyOptions { metric, silhouette_weight: 0.2, ..in_passes(6_000) }).0)
     };
-    for metric in [MetricKind::HybridQuadric, MetricKind::ProbabilisticTriangle, MetricKind::LineQuadrics] {
+    for metric in [MetricKind::HybridQuadric, MetricKind::ConstrainedQuadric, MetricKind::NormalizedQuadric] {
         assert!(with_threads(1, metric) == with_threads(3, metric), "{metric:?}");
     }
 }
