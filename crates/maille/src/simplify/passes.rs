@@ -47,6 +47,9 @@ const WHOLE: f64 = 0.25;
 /// The same as a share of all that goes, if that is less.
 const WHOLE_OF_ALL: f64 = 0.15;
 
+/// Times the target at which the passes end, not counting what is stuck, where the queue has to go on.
+const LEAVE: f64 = 1.25;
+
 /// How far beyond its goal a pass may go.
 const QUOTA: f64 = 1.2;
 
@@ -144,7 +147,7 @@ pub(super) fn collapse_in_passes<O: Observer>(
     control.report("preparing", 0.0);
     surface.start_quadrics(&rules);
     let target = request.target_faces.max(LAST);
-    let end = if stuck == 0 { target } else { 2 * target + stuck };
+    let end = if stuck == 0 { target } else { (LEAVE * target as f64) as usize + stuck };
     let extra = (end as f64 * WHOLE).min(start.saturating_sub(end) as f64 * WHOLE_OF_ALL);
     let whole = (end + extra as usize).max(FEWEST);
     let mut faces = start;
