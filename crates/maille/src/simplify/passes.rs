@@ -245,10 +245,10 @@ impl CostCounts {
 /// Bits of a cost that are not looked at: costs within one part in 16 count as equal.
 const SHIFT: u32 = 19;
 
-/// Where a cost belongs; costs are not negative.
+/// Where a cost belongs; costs are not negative. What is no number costs too much.
 #[inline]
 fn bucket_of(cost: f32) -> usize {
-    (cost.to_bits() >> SHIFT) as usize
+    (cost.to_bits().min(f32::INFINITY.to_bits()) >> SHIFT) as usize
 }
 
 /// The lowest cost of a bucket.

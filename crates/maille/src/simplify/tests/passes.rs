@@ -113,6 +113,19 @@ fn what_is_not_plain_is_left_to_the_queue() {
 }
 
 #[test]
+fn coordinates_as_large_and_as_small_as_there_are_do_no_harm() {
+    for scale in [1e38_f32, 1e-38, 1e-44] {
+        for metric in [MetricKind::HybridQuadric, MetricKind::ConstrainedQuadric] {
+            let mut mesh = large_torus();
+            mesh.positions.as_flattened_mut().iter_mut().for_each(|x| *x *= scale);
+            let (result, _) = reduced(&mesh, &SimplifyOptions { metric, ..in_passes(6_000) });
+            assert!(result.positions.as_flattened().iter().all(|x| x.is_finite()), "{scale}");
+            assert!(result.triangle_count() <= 6_000 || scale < 1e-40, "{scale}: {}", result.triangle_count());
+        }
+    }
+}
+
+#[test]
 fn cancelling_stops_between_passes() {
     let mut mesh = large_torus();
     let flag = std::sync::atomic::AtomicBool::new(false);
