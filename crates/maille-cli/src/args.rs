@@ -308,6 +308,9 @@ pub(crate) struct SimplifyArgs {
     /// estimate of the metric.
     #[arg(long, value_name = "TEXELS", value_parser = parse_non_negative, help_heading = "Attributes")]
     pub(crate) max_texel_error: Option<f64>,
+    /// In which space differences of colours count, where they do: as stored, or CIE L*a*b*, where equal differences look equal.
+    #[arg(long, value_name = "rgb|lab", default_value = "rgb", value_parser = ["rgb", "lab"], help_heading = "Attributes")]
+    pub(crate) color_space: String,
     /// Let triangles be turned over in the texture.
     #[arg(long, help_heading = "Attributes")]
     pub(crate) texture_may_fold: bool,

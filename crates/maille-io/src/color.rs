@@ -1,14 +1,6 @@
 //! Colours between the curve of screens (sRGB: PLY, OBJ, OFF, STL) and linear light (glTF).
 
-/// From the sRGB curve to linear light (IEC 61966-2-1).
-pub(crate) fn to_linear(value: f32) -> f32 {
-    if value <= 0.040_45 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
-}
-
-/// From linear light to the sRGB curve.
-pub(crate) fn to_srgb(value: f32) -> f32 {
-    if value <= 0.003_130_8 { value * 12.92 } else { (1.055 * f64::from(value).powf(1.0 / 2.4) - 0.055) as f32 }
-}
+use maille::color::{to_linear, to_srgb};
 
 /// Colours of `components` scalars, brought onto the sRGB curve or into linear light; alpha stays.
 pub(crate) fn recoded(values: &[f32], components: usize, srgb: bool) -> Vec<f32> {

@@ -9,6 +9,7 @@
 
 pub mod certified;
 pub mod cluster;
+pub mod color;
 pub mod control;
 pub mod measure;
 pub mod mesh;

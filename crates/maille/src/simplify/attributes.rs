@@ -7,8 +7,9 @@ use super::corners::Corners;
 use super::features::Features;
 use super::legality::Collapse;
 use super::metric::{Candidate, EdgeContext, Metric, QuadricMetric, QuadricOptions, Update};
-use super::options::{AttributeError, SimplifyOptions};
+use super::options::{AttributeError, ColorSpace, SimplifyOptions};
 use super::quadric::Quadric;
+use crate::color::{from_lab, to_lab, to_linear, to_srgb};
 use crate::mesh::{Attribute, Mesh, Semantic, Values};
 use crate::topology::CollapseMesh;
 use crate::topology::collapse_mesh::{Frame, RingFace};
@@ -40,6 +41,8 @@ struct Channels {
     count: usize,
     /// Where its squares are in the sums of a wedge.
     squares: usize,
+    /// For colours in [`ColorSpace::Lab`]: whether they are stored on the curve of screens.
+    lab: Option<bool>,
     /// What a difference of 1 counts, as a distance in the frame.
     weight: f64,
     /// Largest root of the mean squared difference that a collapse has made, in units of the attribute.
@@ -148,7 +151,10 @@ impl AttributeMetric {
             if weight > 0.0 && weight.is_finite() {
                 let count = attribute.components;
                 let semantic = attribute.semantic.clone();
-                attributes.push(Channels { semantic, first: channels, count, squares: 0, weight, error: 0.0 });
+                let is_lab = options.color_space == ColorSpace::Lab;
+                let lab =
+                    (is_lab && matches!(semantic, Semantic::Color(_)) && count >= 3).then_some(attribute.storage.srgb);
+                attributes.push(Channels { semantic, first: channels, count, squares: 0, lab, weight, error: 0.0 });
                 channels += count;
             }
         }
@@ -193,6 +199,10 @@ impl AttributeMetric {
                         self.changed[w] = true;
                     }
                 }
+                if let (Some(srgb), Some(color)) = (attribute.lab, into.first_chunk_mut()) {
+                    let light = if srgb { color.map(to_linear) } else { *color };
+                    *color = to_lab(light);
+                }
                 // what is not a number must not spread
                 into.iter_mut().filter(|x| !x.is_finite()).for_each(|x| *x = 0.0);
             }
@@ -206,6 +216,10 @@ impl AttributeMetric {
             let Some(into) = into.and_then(Attribute::as_f32_mut) else { continue };
             for (w, into) in into.chunks_exact_mut(attribute.count).enumerate().filter(|&(w, _)| self.changed[w]) {
                 into.copy_from_slice(&self.values[w * self.channels..][attribute.range()]);
+                if let (Some(srgb), Some(color)) = (attribute.lab, into.first_chunk_mut()) {
+                    let light = from_lab(*color);
+                    *color = if srgb { light.map(to_srgb) } else { light };
+                }
             }
         }
     }

@@ -53,8 +53,9 @@ pub use metric::{
     Anchor, Candidate, EdgeContext, Metric, QuadricMemory, QuadricMetric, QuadricOptions, ShortestEdge, Update,
 };
 pub use options::{
-    AttributeError, AttributeWeights, CurvePoint, EdgePolicy, MetricKind, NormalPolicy, Order, PlacementKind,
-    QuadricWeight, Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, Target, TopologyPolicy,
+    AttributeError, AttributeWeights, ColorSpace, CurvePoint, EdgePolicy, MetricKind, NormalPolicy, Order,
+    PlacementKind, QuadricWeight, Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, Target,
+    TopologyPolicy,
 };
 pub use quadric::Quadric;
 pub use uncertain::FaceQuadric;

@@ -227,6 +227,21 @@ impl Default for AttributeWeights {
     }
 }
 
+/// In which space differences of colours count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub enum ColorSpace {
+    /// As the values are stored.
+    #[default]
+    Rgb,
+    /// CIE L*a*b* by a hundredth ([`color::to_lab`](crate::color::to_lab)), where equal differences look equal.
+    Lab,
+}
+
+impl ColorSpace {
+    /// All spaces with the names the command line gives them.
+    pub const NAMES: [(&'static str, Self); 2] = [("rgb", Self::Rgb), ("lab", Self::Lab)];
+}
+
 /// What simplification has done to an attribute that counted in the metric.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AttributeError {
@@ -234,7 +249,7 @@ pub struct AttributeError {
     pub semantic: Semantic,
     /// Distance that a difference of 1 was worth, in model units.
     pub weight: f64,
-    /// Largest error of a collapse, in units of the attribute: root of the mean squared difference over the faces around.
+    /// Largest error of a collapse, in units of the attribute (of colours, in those of their space): root of the mean squared difference over the faces around.
     /// As the error of the surface it is an estimate of the metric.
     pub error: f64,
 }
@@ -269,6 +284,8 @@ pub struct SimplifyOptions {
     pub placement: PlacementKind,
     /// What the attributes of wedges count, with quadric metrics.
     pub attributes: AttributeWeights,
+    /// In which space differences of colours count, and colours are mixed.
+    pub color_space: ColorSpace,
     /// Whether triangles may be turned over in the texture, where texture coordinates count.
     pub texture_may_fold: bool,
     /// Refuse collapses after which texture coordinates that count are off by more than this, by the estimate of the
@@ -343,6 +360,7 @@ impl Default for SimplifyOptions {
             line_weight: 1e-3,
             placement: PlacementKind::default(),
             attributes: AttributeWeights::default(),
+            color_space: ColorSpace::default(),
             texture_may_fold: false,
             max_texture_error: None,
             order: Order::default(),

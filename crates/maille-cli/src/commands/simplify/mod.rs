@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use maille::cluster::ClusterMethod;
 use maille::refit::RefitOptions;
 use maille::simplify::{
-    AttributeWeights, EdgePolicy, MetricKind, Order, PlacementKind, QuadricMemory, Refusals, SimplifyError,
+    AttributeWeights, ColorSpace, EdgePolicy, MetricKind, Order, PlacementKind, QuadricMemory, Refusals, SimplifyError,
     SimplifyOptions, Stop, TopologyPolicy,
 };
 use maille_io::{Asset, AssetOptions, AssetReport, Budget, ProcessError, WriteOptions, Written, simplify_asset};
@@ -146,6 +146,7 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
     if !args.attributes.unwrap_or(!surface_alone) {
         simplify.attributes = AttributeWeights::NONE;
     }
+    simplify.color_space = by_name(&ColorSpace::NAMES, &args.color_space).unwrap_or_default();
     simplify.texture_may_fold = args.texture_may_fold;
     let refit =
         args.refit.unwrap_or(args.preset == Preset::Best && !args.no_self_intersections).then(RefitOptions::default);

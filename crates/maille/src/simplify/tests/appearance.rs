@@ -104,6 +104,21 @@ fn edges_of_colour_stay_where_they_are() {
 }
 
 #[test]
+fn what_looks_different_in_the_dark_counts_in_lab() {
+    let mut mesh = checkered();
+    let colors = mesh.wedge_attributes[0].as_f32_mut().unwrap();
+    colors.iter_mut().for_each(|x| *x = if *x > 0.35 { 0.04 } else { 0.005 });
+    let with = |color_space| reduced(&mesh, &SimplifyOptions { color_space, ..to(1600) }).0;
+    let [rgb, lab] = [ColorSpace::Rgb, ColorSpace::Lab].map(|space| color_difference(&mesh, &with(space)));
+    assert!(lab < 0.8 * rgb, "{lab} for {rgb}");
+    // what is not touched keeps its bits, what is mixed comes back into the same space
+    let small = with(ColorSpace::Lab);
+    let values = small.wedge_attributes[0].as_f32().unwrap();
+    assert!(values.iter().all(|x| (0.004..0.041).contains(x)));
+    assert!(values.iter().any(|x| [0.005, 0.04].contains(x)));
+}
+
+#[test]
 fn a_flat_picture_is_reduced_where_it_is_plain() {
     let mut mesh = shapes::grid(40);
     let bright = |p: &[f32; 3]| if (p[0] - 0.5).hypot(p[1] - 0.5) < 0.3 { 1.0 } else { 0.0 };
