@@ -155,9 +155,6 @@ pub(super) fn collapse_in_passes<O: Observer>(
     let (mut most, mut tries) = (0.0_f32, TRIES);
     for pass in 0_usize.. {
         control.report("collapsing edges", (start - faces) as f32 / (start - target.min(start)).max(1) as f32);
-        if control.is_cancelled() {
-            return Err(Cancelled);
-        }
         if faces <= end {
             break;
         }
@@ -184,7 +181,7 @@ pub(super) fn collapse_in_passes<O: Observer>(
             part.collapse(
                 &rules,
                 ranked,
-                Bounds { most, quota: quota as u64, faces: is_last.then_some(faces) },
+                Bounds { most, quota: quota as u64, faces: is_last.then_some(faces), control },
                 observer,
             )
         };
@@ -192,6 +189,9 @@ pub(super) fn collapse_in_passes<O: Observer>(
             None => parts.par_iter_mut().zip(ranked).map(|work| pass(work, None)).collect(),
             Some(observer) => parts.iter_mut().zip(ranked).map(|work| pass(work, Some(&mut **observer))).collect(),
         };
+        if control.is_cancelled() {
+            return Err(Cancelled);
+        }
         let collapses: u64 = results.iter().map(|result| result.collapses).sum();
         let left = faces - 2 * collapses as usize;
         results.into_iter().for_each(|result| done.add(result));
@@ -525,11 +525,12 @@ impl Ranked {
 }
 
 /// How far the collapses of a part may go.
-struct Bounds {
+struct Bounds<'a> {
     most: f32,
     quota: u64,
     /// Of the whole surface, if that is the part: costs are plotted then.
     faces: Option<usize>,
+    control: Control<'a>,
 }
 
 /// Edges that wait, by cost; those within one part in 16 come in no special order.
@@ -734,7 +735,7 @@ impl Part<'_> {
         &mut self,
         rules: &Rules,
         ranked: Ranked,
-        Bounds { most, quota, faces }: Bounds,
+        Bounds { most, quota, faces, control }: Bounds<'_>,
         mut observer: Option<&mut O>,
     ) -> Done {
         let Ranked { is_inner, mut rebuilt, costs } = ranked;
@@ -745,7 +746,7 @@ impl Part<'_> {
         let mut star = Star::default();
         let mut done = Done::default();
         let (mut highest, mut plotted) = (0, faces.unwrap_or(0));
-        while done.collapses < quota {
+        while done.collapses < quota && !(done.collapses.is_multiple_of(4096) && control.is_cancelled()) {
             let Some((Entry { ends: ends @ [kept, removed], stamp, .. }, bucket)) = queue.pop() else { break };
             if versions[kept as usize] + versions[removed as usize] != stamp {
                 continue;
