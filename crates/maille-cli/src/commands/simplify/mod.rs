@@ -69,9 +69,20 @@ fn cluster_method(args: &SimplifyArgs) -> Option<ClusterMethod> {
     }
 }
 
-/// Refuses options that clustering cannot heed.
+/// Whether attributes count in the metric.
+fn attributes_count(args: &SimplifyArgs) -> bool {
+    args.attributes.unwrap_or(args.metric.is_none() || !args.attribute_weight.is_empty())
+}
+
+/// Refuses options that clustering cannot heed, or the surface alone.
 fn check_method(args: &SimplifyArgs) -> Result<(), Failure> {
-    let Some(method) = cluster_method(args) else { return Ok(()) };
+    let Some(method) = cluster_method(args) else {
+        if args.color_space != "rgb" && !attributes_count(args) {
+            let reason = "--color-space is for attributes that count, here the surface alone does; add --attributes";
+            return Err(Failure::Usage(reason.to_owned()));
+        }
+        return Ok(());
+    };
     let of_collapses = [
         ("--cluster-first", args.cluster_first.is_some()),
         ("--metric", args.metric.is_some()),
@@ -89,6 +100,7 @@ fn check_method(args: &SimplifyArgs) -> Result<(), Failure> {
         ("--join-distance", args.join_distance.is_some()),
         ("--normals", args.normals != Normals::Interpolate),
         ("--max-influences", args.max_influences.is_some()),
+        ("--color-space", args.color_space != "rgb"),
     ];
     match of_collapses.iter().find(|(_, given)| *given) {
         None => Ok(()),
@@ -142,8 +154,7 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
     simplify.join_distance = args.join_distance.map(|distance| distance.in_units(diagonal)).or(near);
     simplify.normals = args.normals.into();
     simplify.max_influences = args.max_influences;
-    let surface_alone = args.metric.is_some() && args.attribute_weight.is_empty();
-    if !args.attributes.unwrap_or(!surface_alone) {
+    if !attributes_count(args) {
         simplify.attributes = AttributeWeights::NONE;
     }
     simplify.color_space = by_name(&ColorSpace::NAMES, &args.color_space).unwrap_or_default();
