@@ -4,7 +4,7 @@
 //! surface, so the search keeps the last answer as its first guess; boxes are `f32` (tested four at a time) and the
 //! triangle test is `f64`; meshes of any size and offset are to work without scaling them first.
 
-use glam::{DVec3, Vec4};
+use glam::{DVec3, Vec3A, Vec4};
 use rayon::prelude::*;
 
 use super::triangle::{OnTriangle, closest_on_triangle};
@@ -85,19 +85,29 @@ impl<'m> Bvh<'m> {
     /// # Panics
     /// If an index is out of range ([`Mesh::check`] finds that out).
     pub fn new(mesh: &'m Mesh) -> Self {
-        let frame = Frame::around(mesh);
-        let mut items: Vec<Item> = (0..mesh.triangle_count() as u32)
-            .into_par_iter()
-            .filter_map(|triangle| Item::new(mesh, triangle, &frame))
-            .collect();
+        Self::build(&mesh.positions, mesh.triangle_count(), |t| mesh.triangle_vertices(t))
+    }
+
+    /// Builds the hierarchy of triangles between positions.
+    ///
+    /// # Panics
+    /// If an index is out of range.
+    pub(crate) fn of_triangles(positions: &'m [[f32; 3]], triangles: &[[u32; 3]]) -> Self {
+        Self::build(positions, triangles.len(), |t| triangles[t])
+    }
+
+    fn build(positions: &'m [[f32; 3]], count: usize, vertices: impl Fn(usize) -> [u32; 3] + Sync) -> Self {
+        let corners = |t: u32| corners(positions, vertices(t as usize));
+        let frame = Frame::around(count, corners);
+        let item = |t: u32| Item::new(t, corners(t), &frame);
+        let mut items: Vec<Item> = (0..count as u32).into_par_iter().filter_map(item).collect();
         let mut nodes = Vec::new();
         if !items.is_empty() {
             let range = Range { bounds: bounds_of(&items), first: 0, items: &mut items };
             build(range, 0, &mut nodes);
         }
-        let slot =
-            |item: &Item| Slot { vertices: mesh.triangle_vertices(item.triangle as usize), triangle: item.triangle };
-        Self { positions: &mesh.positions, nodes, slots: items.par_iter().map(slot).collect(), frame }
+        let slot = |item: &Item| Slot { vertices: vertices(item.triangle as usize), triangle: item.triangle };
+        Self { positions, nodes, slots: items.par_iter().map(slot).collect(), frame }
     }
 
     /// The point of the surface nearest to `p`, `None` if the mesh has no triangles or `p` is not finite. For
@@ -184,9 +194,16 @@ impl<'m> Bvh<'m> {
     }
 
     /// Corners of the triangle in a place of the order of the leaves.
-    pub(super) fn corners(&self, slot: u32) -> [DVec3; 3] {
-        self.slots[slot as usize].vertices.map(|v| glam::Vec3::from(self.positions[v as usize]).as_dvec3())
+    #[inline]
+    pub(crate) fn corners(&self, slot: u32) -> [DVec3; 3] {
+        corners(self.positions, self.slots[slot as usize].vertices)
     }
+}
+
+#[inline]
+fn corners(positions: &[[f32; 3]], [a, b, c]: [u32; 3]) -> [DVec3; 3] {
+    let position = |v: u32| glam::Vec3::from(positions[v as usize]).as_dvec3();
+    [position(a), position(b), position(c)]
 }
 
 /// Finds closest points one after the other, each with the triangle of the one before as its first guess.
@@ -212,17 +229,17 @@ struct Pending {
 impl Searcher<'_> {
     /// The point of the surface nearest to `p`, `None` if the mesh has no triangles or `p` is not finite.
     pub fn closest(&mut self, p: DVec3) -> Option<ClosestPoint> {
-        let (barycentric, distance_sq) = self.search(p)?;
+        let (barycentric, distance_sq) = self.search(p, 0.0)?;
         let point = super::triangle::at(self.bvh.corners(self.last), barycentric);
         let triangle = self.bvh.slots[self.last as usize].triangle;
         Some(ClosestPoint { triangle, barycentric, point, distance_sq })
     }
 
-    /// The place (in the order of the leaves) of the triangle nearest to `p` and its squared distance, with the triangle
-    /// in another place as the first guess.
-    pub(crate) fn closest_place(&mut self, p: DVec3, guess: u32) -> Option<(u32, f64)> {
+    /// The place (in the order of the leaves) of the triangle nearest to `p`, or of one that is no farther than the root of
+    /// `enough_sq`, and its squared distance; the triangle in another place is the first guess.
+    pub(crate) fn close_place(&mut self, p: DVec3, guess: u32, enough_sq: f64) -> Option<(u32, f64)> {
         self.last = guess;
-        let (_, distance_sq) = self.search(p)?;
+        let (_, distance_sq) = self.search(p, enough_sq)?;
         Some((self.last, distance_sq))
     }
 
@@ -231,12 +248,15 @@ impl Searcher<'_> {
         self.last
     }
 
-    fn search(&mut self, p: DVec3) -> Option<OnTriangle> {
+    fn search(&mut self, p: DVec3, enough_sq: f64) -> Option<OnTriangle> {
         if self.bvh.slots.is_empty() || !p.is_finite() {
             return None;
         }
-        let query = Query::new(p, &self.bvh.frame);
         let mut best = self.bvh.nearest_on_slot(self.last, p);
+        if best.1 <= enough_sq {
+            return Some(best);
+        }
+        let query = Query::new(p, &self.bvh.frame);
         let mut limit = query.limit(best.1);
         self.stack.clear();
         self.push_children(0, &query, limit);
@@ -252,6 +272,9 @@ impl Searcher<'_> {
                 let found = self.bvh.nearest_on_slot(slot, p);
                 if found.1 < best.1 {
                     (best, self.last) = (found, slot);
+                    if best.1 <= enough_sq {
+                        return Some(best);
+                    }
                     limit = query.limit(best.1);
                 }
             }
@@ -341,10 +364,10 @@ struct Frame {
 }
 
 impl Frame {
-    fn around(mesh: &Mesh) -> Self {
-        let bounds = (0..mesh.triangle_count())
+    fn around(triangles: usize, corners: impl Fn(u32) -> [DVec3; 3] + Sync) -> Self {
+        let bounds = (0..triangles as u32)
             .into_par_iter()
-            .map(|triangle| mesh.triangle_points(triangle))
+            .map(&corners)
             .filter(|corners| corners.iter().all(|p| p.is_finite()))
             .map(|[a, b, c]| (a.min(b).min(c), a.max(b).max(c)))
             .reduce_with(|(low, high), (l, h)| (low.min(l), high.max(h)));
@@ -373,53 +396,56 @@ fn round_up(x: f64) -> f32 {
 /// A box in the tree's frame.
 #[derive(Debug, Clone, Copy)]
 struct Bounds {
-    low: [f32; 3],
-    high: [f32; 3],
+    low: Vec3A,
+    high: Vec3A,
 }
 
 impl Bounds {
-    const EMPTY: Self = Self { low: [f32::INFINITY; 3], high: [f32::NEG_INFINITY; 3] };
+    const EMPTY: Self = Self { low: Vec3A::INFINITY, high: Vec3A::NEG_INFINITY };
 
+    #[inline]
     fn union(&self, other: &Self) -> Self {
-        let mut union = *self;
-        for axis in 0..3 {
-            union.low[axis] = union.low[axis].min(other.low[axis]);
-            union.high[axis] = union.high[axis].max(other.high[axis]);
-        }
-        union
+        Self { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
     /// Half the surface, 0 for the empty box.
+    #[inline]
     fn half_area(&self) -> f32 {
-        let [x, y, z] = [0, 1, 2].map(|axis| (self.high[axis] - self.low[axis]).max(0.0));
+        let [x, y, z] = (self.high - self.low).max(Vec3A::ZERO).to_array();
         x * y + y * z + z * x
     }
 }
 
 fn bounds_of(items: &[Item]) -> Bounds {
-    items.iter().fold(Bounds::EMPTY, |bounds, item| bounds.union(&item.bounds))
+    items.iter().fold(Bounds::EMPTY, |bounds, item| bounds.union(&item.bounds()))
 }
 
-/// A triangle while the tree is built.
+/// A triangle while the tree is built: its box, packed.
 #[derive(Debug, Clone, Copy)]
 struct Item {
-    bounds: Bounds,
+    low: [f32; 3],
+    high: [f32; 3],
     triangle: u32,
 }
 
 impl Item {
     /// `None` if a corner is not finite.
-    fn new(mesh: &Mesh, triangle: u32, frame: &Frame) -> Option<Self> {
-        let corners = mesh.triangle_points(triangle as usize);
+    fn new(triangle: u32, corners: [DVec3; 3], frame: &Frame) -> Option<Self> {
         let [a, b, c] = corners.map(|p| frame.local(p));
-        let bounds =
-            Bounds { low: a.min(b).min(c).to_array().map(round_down), high: a.max(b).max(c).to_array().map(round_up) };
-        corners.iter().all(|p| p.is_finite()).then_some(Self { bounds, triangle })
+        let low = a.min(b).min(c).to_array().map(round_down);
+        let high = a.max(b).max(c).to_array().map(round_up);
+        corners.iter().all(|p| p.is_finite()).then_some(Self { low, high, triangle })
+    }
+
+    #[inline]
+    fn bounds(&self) -> Bounds {
+        Bounds { low: self.low.into(), high: self.high.into() }
     }
 
     /// Twice the middle of the box.
+    #[inline]
     fn centre(&self, axis: usize) -> f32 {
-        self.bounds.low[axis] + self.bounds.high[axis]
+        self.low[axis] + self.high[axis]
     }
 }
 
@@ -464,17 +490,12 @@ impl Range<'_> {
 
 /// The axis along which the centres spread most, their least coordinate and their extent there.
 fn longest_side_of_centres(items: &[Item]) -> (usize, f32, f32) {
-    let mut low = [f32::INFINITY; 3];
-    let mut high = [f32::NEG_INFINITY; 3];
-    for item in items {
-        for axis in 0..3 {
-            low[axis] = low[axis].min(item.centre(axis));
-            high[axis] = high[axis].max(item.centre(axis));
-        }
-    }
-    let extent = |axis: usize| high[axis] - low[axis];
-    let axis = (1..3).fold(0, |longest, axis| if extent(axis) > extent(longest) { axis } else { longest });
-    (axis, low[axis], extent(axis))
+    let centres = items.iter().map(Item::bounds).map(|b| b.low + b.high);
+    let range = |(low, high): (Vec3A, Vec3A), centre: Vec3A| (low.min(centre), high.max(centre));
+    let (low, high) = centres.fold((Vec3A::INFINITY, Vec3A::NEG_INFINITY), range);
+    let extent = high - low;
+    let axis = (1..3).fold(0, |longest, axis| if extent[axis] > extent[longest] { axis } else { longest });
+    (axis, low[axis], extent[axis])
 }
 
 /// Moves the items that belong left to the front and returns how many they are. Not stable, but always the same.
@@ -498,9 +519,11 @@ struct Bins {
 }
 
 impl Bins {
+    #[inline]
     fn of(item: &Item, axis: usize, low: f32, extent: f32) -> usize {
         // the cast takes 0/0 to 0
-        (((item.centre(axis) - low) / extent * BINS as f32) as usize).min(BINS - 1)
+        let bin = ((item.centre(axis) - low) / extent * BINS as f32) as i32;
+        bin.clamp(0, BINS as i32 - 1) as usize
     }
 
     fn fill(items: &[Item], axis: usize, low: f32, extent: f32) -> Self {
@@ -508,7 +531,7 @@ impl Bins {
         for item in items {
             let bin = Self::of(item, axis, low, extent);
             bins.counts[bin] += 1;
-            bins.bounds[bin] = bins.bounds[bin].union(&item.bounds);
+            bins.bounds[bin] = bins.bounds[bin].union(&item.bounds());
         }
         bins
     }

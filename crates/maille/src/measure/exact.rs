@@ -485,7 +485,7 @@ impl Proof<'_, '_> {
     }
 
     fn search(&self, searcher: &mut Searcher<'_>, p: DVec3, guess: u32, found: &mut Found) -> (u32, f64) {
-        let (place, distance_sq) = searcher.closest_place(p, guess).expect("there are triangles, all is finite");
+        let (place, distance_sq) = searcher.close_place(p, guess, 0.0).expect("there are triangles, all is finite");
         let distance = distance_sq.sqrt();
         found.searches += 1;
         found.see(distance, p);

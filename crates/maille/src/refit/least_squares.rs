@@ -4,14 +4,14 @@ use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 /// What a distance along the surface counts, of one along the normal.
-const ALONG: f64 = 0.05;
+const ALONG: f64 = 1e-4;
 
 /// What staying counts, of what the samples of a vertex count: for vertices with few samples.
-const STAY: f32 = 1e-3;
+const STAY: f32 = 1e-4;
 
 /// Most steps of the conjugate gradients, and the share of the residual at which they end. The matrix is about as well
-/// conditioned as a mass matrix with its blocks on the diagonal for preconditioner: a dozen steps do.
-const STEPS: usize = 16;
+/// conditioned as a mass matrix with its blocks on the diagonal for preconditioner: ten steps do.
+const STEPS: usize = 12;
 const ENOUGH: f64 = 1e-3;
 
 /// A sample: the point `weights` of its triangle should move by `wanted`, above all along `normal`.
@@ -25,7 +25,7 @@ pub(super) struct Row {
 }
 
 /// A symmetric matrix: xx, yy, zz, xy, xz, yz. There are many, and they steer the steps, not where these end.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Symmetric([f32; 6]);
 
 impl Symmetric {
@@ -42,16 +42,17 @@ impl Symmetric {
         DVec3::new(xx * v.x + xy * v.y + xz * v.z, xy * v.x + yy * v.y + yz * v.z, xz * v.x + yz * v.y + zz * v.z)
     }
 
-    fn matrix(&self) -> DMat3 {
+    fn inverse(&self) -> Self {
         let [xx, yy, zz, xy, xz, yz] = self.0.map(f64::from);
-        DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz])
+        let m = DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz]).inverse();
+        Self([m.x_axis.x, m.y_axis.y, m.z_axis.z, m.y_axis.x, m.z_axis.x, m.z_axis.y].map(|x| x as f32))
     }
 }
 
 /// What all samples of a triangle come to: blocks of the matrix for its corners 0, 1 and 2 and the pairs 01, 12 and 20, and
 /// what they want of each corner.
 #[derive(Debug, Clone, Copy, Default)]
-struct OnTriangle {
+pub(super) struct OnTriangle {
     corners: [Symmetric; 3],
     sides: [Symmetric; 3],
     wanted: [DVec3; 3],
@@ -59,7 +60,7 @@ struct OnTriangle {
 
 impl OnTriangle {
     #[inline]
-    fn add(&mut self, row: &Row) {
+    pub(super) fn add(&mut self, row: &Row) {
         let n = row.normal;
         let [along, across] = [row.weight * ALONG, row.weight * (1.0 - ALONG)];
         let m = n * across;
@@ -90,7 +91,7 @@ struct Equations {
     blocks: Vec<(u32, Symmetric)>,
     diagonal: Vec<Symmetric>,
     /// What undoes the blocks of the diagonal; zero for vertices that stay.
-    inverse: Vec<DMat3>,
+    inverse: Vec<Symmetric>,
     wanted: Vec<DVec3>,
 }
 
@@ -99,11 +100,17 @@ const CHUNK: usize = 1 << 11;
 
 impl Equations {
     /// Adds a vertex, from its corners of triangles.
-    fn add(&mut self, corners: &[u32], triangles: &[[u32; 3]], on_triangles: &[OnTriangle], is_fixed: bool) {
+    fn add<'a>(
+        &mut self,
+        corners: &[u32],
+        triangles: &[[u32; 3]],
+        on_triangle: impl Fn(usize) -> &'a OnTriangle,
+        is_fixed: bool,
+    ) {
         let (mut diagonal, mut wanted, start) = (Symmetric::default(), DVec3::ZERO, self.blocks.len());
         for &corner in corners {
             let (t, k) = (corner as usize / 3, corner as usize % 3);
-            let on = &on_triangles[t];
+            let on = on_triangle(t);
             diagonal.add(&on.corners[k], 1.0);
             wanted += on.wanted[k];
             for (other, side) in [((k + 1) % 3, k), ((k + 2) % 3, (k + 2) % 3)] {
@@ -120,7 +127,7 @@ impl Equations {
         let weight = (sum.0[0] + sum.0[1] + sum.0[2]) / (1.0 + 2.0 * ALONG as f32);
         diagonal.0[..3].iter_mut().for_each(|x| *x += STAY * weight);
         let moves = !is_fixed && weight > 0.0;
-        self.inverse.push(if moves { diagonal.matrix().inverse() } else { DMat3::ZERO });
+        self.inverse.push(if moves { diagonal.inverse() } else { Symmetric::default() });
         self.wanted.push(if moves { wanted } else { DVec3::ZERO });
         self.diagonal.push(diagonal);
         self.ends.push(self.blocks.len() as u32);
@@ -131,7 +138,7 @@ impl Equations {
         let mut start = 0;
         self.ends.iter().enumerate().map(move |(i, &end)| {
             let blocks = &self.blocks[std::mem::replace(&mut start, end as usize)..end as usize];
-            if self.inverse[i] == DMat3::ZERO {
+            if self.inverse[i] == Symmetric::default() {
                 return DVec3::ZERO;
             }
             let others = blocks.iter().map(|(other, block)| block.times(x[*other as usize]));
@@ -141,30 +148,42 @@ impl Equations {
 }
 
 impl Fit {
-    /// The equations of triangles, but for vertices that are fixed. `on` names the triangle of each sample.
+    /// The equations of triangles, but for vertices that are fixed. `on` names the triangle of each sample, `rows` adds what
+    /// belongs to a triangle, given the numbers of its samples.
     pub(super) fn new(
         triangles: &[[u32; 3]],
         on: impl Iterator<Item = u32> + Clone,
-        sample: impl Fn(usize) -> Row + Sync,
+        rows: impl Fn(u32, &[u32], &mut OnTriangle) + Sync,
         fixed: &[bool],
     ) -> Self {
         let by_triangle = grouped(triangles.len(), on);
         let on_triangle = |t: usize| {
             let mut sum = OnTriangle::default();
-            by_triangle.of(t).iter().for_each(|&i| sum.add(&sample(i as usize)));
+            rows(t as u32, by_triangle.of(t), &mut sum);
             sum
         };
-        let on_triangles: Vec<OnTriangle> = (0..triangles.len()).into_par_iter().map(on_triangle).collect();
         // corners as three times the triangle, plus the number of the corner
         let by_vertex = grouped(fixed.len(), triangles.iter().flatten().copied());
-        let chunk = |start: usize| {
+        // what is on a triangle is added up for each chunk that has one of its corners: most are in one chunk only, where
+        // vertices are in an order that keeps neighbours together, and kept for all it would be the largest part of memory
+        let chunk = |ranks: &mut Vec<u32>, start: usize| {
             let mut equations = Equations::default();
+            let (mut known, mut sums) = (Vec::new(), Vec::new());
             for (v, &is_fixed) in fixed.iter().enumerate().skip(start).take(CHUNK) {
-                equations.add(by_vertex.of(v), triangles, &on_triangles, is_fixed);
+                let corners = by_vertex.of(v);
+                for t in corners.iter().map(|corner| corner / 3) {
+                    if known.get(ranks[t as usize] as usize) != Some(&t) {
+                        ranks[t as usize] = known.len() as u32;
+                        known.push(t);
+                        sums.push(on_triangle(t as usize));
+                    }
+                }
+                equations.add(corners, triangles, |t| &sums[ranks[t] as usize], is_fixed);
             }
             equations
         };
-        Self { chunks: (0..fixed.len()).into_par_iter().step_by(CHUNK).map(chunk).collect() }
+        let chunks = (0..fixed.len()).into_par_iter().step_by(CHUNK);
+        Self { chunks: chunks.map_init(|| vec![0; triangles.len()], chunk).collect() }
     }
 
     fn times_matrix(&self, x: &[DVec3]) -> Vec<DVec3> {
@@ -178,7 +197,7 @@ impl Fit {
         let mut x = vec![DVec3::ZERO; residual.len()];
         let precondition = |r: &[DVec3]| -> Vec<DVec3> {
             let inverse = self.chunks.iter().flat_map(|equations| &equations.inverse);
-            r.iter().zip(inverse).map(|(&r, &m)| m * r).collect()
+            r.iter().zip(inverse).map(|(&r, m)| m.times(r)).collect()
         };
         let mut direction = precondition(&residual);
         let mut strength = dot(&residual, &direction);
@@ -257,7 +276,8 @@ mod tests {
                 Row { weights, normal, wanted, weight: 1.0 }
             })
             .collect();
-        let fit = |fixed: &[bool]| Fit::new(&[[0, 1, 2]], rows.iter().map(|_| 0), |i| rows[i], fixed);
+        let all = |_, samples: &[u32], sum: &mut OnTriangle| samples.iter().for_each(|&i| sum.add(&rows[i as usize]));
+        let fit = |fixed: &[bool]| Fit::new(&[[0, 1, 2]], rows.iter().map(|_| 0), all, fixed);
         let moves = fit(&[false; 3]).solve();
         for (corner, by) in corners.iter().zip(moves) {
             let p = *corner + by;

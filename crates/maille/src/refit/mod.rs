@@ -14,14 +14,14 @@ use rayon::prelude::*;
 
 use crate::control::Cancelled;
 use crate::measure::triangle::{at, closest_on_triangle, scaled_normal};
-use crate::measure::{Bvh, ClosestPoint, Searcher, SurfaceSampler};
+use crate::measure::{Bvh, ClosestPoint, SurfaceSampler};
 use crate::{Control, Mesh};
-use least_squares::{Fit, Row};
+use least_squares::{Fit, OnTriangle, Row};
 
 /// How to [`refit`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct RefitOptions {
-    /// How often nearest points are looked for anew. The first round gains most.
+    /// How often nearest points are looked for anew. The first round gains most; after the second little is left.
     pub rounds: u32,
     /// Points of the original to each vertex of the simplified mesh, more or less: where that is half a point to each
     /// triangle of the original or more, each has one or three, by its area.
@@ -35,7 +35,7 @@ pub struct RefitOptions {
 
 impl Default for RefitOptions {
     fn default() -> Self {
-        Self { rounds: 3, samples_per_vertex: 30.0, seed: 0, fixed: Vec::new() }
+        Self { rounds: 2, samples_per_vertex: 30.0, seed: 0, fixed: Vec::new() }
     }
 }
 
@@ -58,8 +58,8 @@ pub struct RefitReport {
 /// vertices stay where they were. The result does not depend on the number of threads. Meshes without triangles stay as
 /// they are.
 ///
-/// Cost: a search for each sample, about a microsecond on one core, and a fraction of that in each
-/// [round](RefitOptions::rounds); some 60 bytes per triangle of the original and 500 per triangle of the mesh.
+/// Cost: a search for each triangle of the original, about a microsecond on one core, and a fraction of that for each sample
+/// in each [round](RefitOptions::rounds); some 60 bytes per triangle of the original and 300 per triangle of the mesh.
 ///
 /// # Panics
 /// If `fixed` has another length than the mesh has vertices, or positions are not finite.
@@ -88,53 +88,90 @@ pub fn refit(
     };
     tell(0)?;
     let there = Bvh::new(original);
-    let points = Points::new(mesh, original, there.triangles_in_space_order(), options);
-    let triangles: Vec<[u32; 3]> = (0..mesh.triangle_count()).map(|t| mesh.triangle_vertices(t)).collect();
-    let sides = Sides::new(&triangles);
-    let fixed = sides.fixed_vertices(&triangles, mesh.vertex_count(), &options.fixed);
-    let first = points.first_nearest(mesh, &sides);
-    let before = Errors::of(mesh, &there, &points, &first, None);
-    (report.rms_before, report.max_before) = (before.rms, before.max);
-    (report.rms_after, report.max_after) = (before.rms, before.max);
-    let mut nearest = first.clone();
-    let mut moved = Moved::new(mesh);
+    let (vertices, sorted) = spatially_sorted(mesh);
+    let triangles = &*sorted.triangles;
+    let first = Surface { positions: &sorted.positions, triangles };
+    let points = Points::new(first, original, &there, options);
+    let sides = Sides::new(triangles);
+    let fixed = sides.fixed_vertices(triangles, vertices.iter().map(|&v| options.fixed.get(v as usize) == Some(&true)));
+    let (mut nearest, forward) = points.first_nearest(first, &sides);
+    let parts = Parts::of_each(original.triangle_count() / triangles.len());
+    let before = Errors { forward, backward: Backward::of(first, &there, parts, forward.most_sq) };
+    (report.rms_before, report.max_before) = (before.rms(), before.max());
+    (report.rms_after, report.max_after) = (before.rms(), before.max());
+    let mut moved = Moved::new(first);
+    let mut forward = forward;
     for round in 1..=options.rounds {
         tell(round)?;
-        let moves = moves(&moved.mesh(mesh), &triangles, &points, &nearest[..points.samples], &fixed);
-        moved.add(&moves, mesh);
+        let moves = moves(moved.surface(first), &points, &nearest[..points.samples], &before.backward, &fixed);
+        moved.add(&moves, first);
         let count = if round < options.rounds { points.samples } else { points.len() };
-        points.follow(&moved.mesh(mesh), &sides, &mut nearest[..count]);
+        forward = points.follow(moved.surface(first), &sides, &mut nearest[..count]);
     }
-    let mut result = moved.mesh(mesh);
-    let mut is_exact = false;
-    let mut after = Errors::of(&result, &there, &points, &nearest, Some((&before, &|_| true)));
-    for _ in 0..=HELD_BACK {
-        if after.max <= before.max {
-            mesh.positions = result.positions;
-            (report.rms_after, report.max_after) = (after.rms, after.max);
+    let mut after = before.after(moved.surface(first), &there, forward, before.max_sq());
+    if after.max_sq() > before.max_sq() {
+        // what was followed may be nearer to another triangle
+        let is_far = |found: &ClosestPoint| found.distance_sq > before.max_sq();
+        after.forward = points.search_again(moved.surface(first), &mut nearest, is_far);
+    }
+    for _ in 0..HELD_BACK {
+        if after.max_sq() <= before.max_sq() {
             break;
         }
         tell(options.rounds)?;
-        if !is_exact {
-            // what was followed may be nearer to another triangle
-            let most = before.max * before.max;
-            let is_far = |p: DVec3, t: u32| on_triangle(&result, t, p).distance_sq > most;
-            points.search_again(&Bvh::new(&result), &mut nearest, is_far);
-            after = Errors::of(&result, &there, &points, &nearest, Some((&after, &|_| false)));
-            is_exact = true;
-            continue;
+        let beyond = after.vertices_beyond(before.max_sq(), &points, &nearest, [first, moved.surface(first)], &sides);
+        let stale = moved.take_back(&beyond, first);
+        let is_stale = |found: &ClosestPoint| triangles[found.triangle as usize].iter().any(|&v| stale[v as usize]);
+        let forward = points.search_again(moved.surface(first), &mut nearest, is_stale);
+        after = after.after(moved.surface(first), &there, forward, before.max_sq());
+    }
+    if after.max_sq() <= before.max_sq() {
+        for (&v, &position) in vertices.iter().zip(&moved.positions) {
+            mesh.positions[v as usize] = position;
         }
-        moved.take_back(mesh, &after.vertices_beyond(before.max, &result, &points, [&nearest, &first]));
-        let held = moved.mesh(mesh);
-        let has_moved = |v: u32| held.positions[v as usize] != result.positions[v as usize];
-        let stale: Vec<bool> = triangles.par_iter().map(|corners| corners.iter().any(|&v| has_moved(v))).collect();
-        points.search_again(&Bvh::new(&held), &mut nearest, |_, t| stale[t as usize]);
-        let vertices = mesh.vertex_count();
-        let is_stale = |i: usize| if i < vertices { has_moved(i as u32) } else { stale[i - vertices] };
-        after = Errors::of(&held, &there, &points, &nearest, Some((&after, &is_stale)));
-        result = held;
+        (report.rms_after, report.max_after) = (after.rms(), after.max());
     }
     Ok(report)
+}
+
+/// The triangles and vertices of a mesh in the order of a space-filling curve, so that what is near is near in memory, and
+/// the names that its vertices had.
+fn spatially_sorted(mesh: &Mesh) -> (Vec<u32>, Mesh) {
+    let triangles = (0..mesh.triangle_count()).map(|t| mesh.triangle_vertices(t)).collect();
+    let mut sorted = Mesh::from_triangles(mesh.positions.clone(), triangles).expect("they are those of a mesh");
+    (sorted.sort_spatially(), sorted)
+}
+
+/// Triangles between vertices.
+#[derive(Debug, Clone, Copy)]
+struct Surface<'a> {
+    positions: &'a [[f32; 3]],
+    triangles: &'a [[u32; 3]],
+}
+
+impl<'a> Surface<'a> {
+    fn hierarchy(self) -> Bvh<'a> {
+        Bvh::of_triangles(self.positions, self.triangles)
+    }
+
+    #[inline]
+    fn vertex(self, v: u32) -> DVec3 {
+        glam::Vec3::from(self.positions[v as usize]).as_dvec3()
+    }
+
+    #[inline]
+    fn corners(self, triangle: u32) -> [DVec3; 3] {
+        let [a, b, c] = self.triangles[triangle as usize];
+        [self.vertex(a), self.vertex(b), self.vertex(c)]
+    }
+
+    /// The point of a triangle that is nearest to `p`.
+    #[inline]
+    fn nearest(self, triangle: u32, p: DVec3) -> ClosestPoint {
+        let corners = self.corners(triangle);
+        let (barycentric, distance_sq) = closest_on_triangle(p, corners);
+        ClosestPoint { triangle, barycentric, point: at(corners, barycentric), distance_sq }
+    }
 }
 
 /// Points of the original: those to fit to, the samples, and the vertices. Fitted to as well, these would pull the surface
@@ -143,9 +180,13 @@ pub fn refit(
 /// What can be found out again is not kept: there may be several points to a triangle.
 struct Points<'a> {
     original: &'a Mesh,
+    /// Of the original.
+    there: &'a Bvh<'a>,
     /// Number of samples.
     samples: usize,
     source: Source,
+    /// What the samples count, of twice the area of the original.
+    density: f64,
     /// The vertices that triangles use, in the order in which these name them first.
     vertices: Vec<u32>,
     /// Of each of them, a sample that is not far.
@@ -154,34 +195,35 @@ struct Points<'a> {
 
 /// Where samples come from.
 enum Source {
-    /// The same places of each triangle, by its area.
-    Rule { triangles: Vec<u32>, places: &'static [[f64; 3]] },
+    /// The same places of each triangle, by its area; triangles in the order of the leaves of the hierarchy.
+    Rule(&'static [[f64; 3]]),
     /// At random: fewer than triangles.
     Random(Vec<Sample>),
 }
 
 impl<'a> Points<'a> {
-    /// `order` names all triangles of the original, those near one another together.
-    fn new(mesh: &Mesh, original: &'a Mesh, order: impl ExactSizeIterator<Item = u32>, options: &RefitOptions) -> Self {
-        let wanted = mesh.vertex_count() as f64 * options.samples_per_vertex;
-        let per_triangle = wanted / original.triangle_count() as f64;
-        let triangles: Vec<u32> = order.collect();
-        let rule = |triangles| Source::Rule {
-            triangles,
-            places: if per_triangle >= 2.0 { &THREE_POINTS } else { &[[1.0 / 3.0; 3]] },
+    fn new(mesh: Surface<'_>, original: &'a Mesh, there: &'a Bvh<'a>, options: &RefitOptions) -> Self {
+        let wanted = mesh.positions.len() as f64 * options.samples_per_vertex;
+        let order = there.triangles_in_space_order();
+        let count = order.len();
+        let per_triangle = wanted / count as f64;
+        let (source, samples, density) = if per_triangle >= 0.5 {
+            let places: &[[f64; 3]] = if per_triangle >= 2.0 { &THREE_POINTS } else { &[[1.0 / 3.0; 3]] };
+            (Source::Rule(places), count * places.len(), places.len() as f64)
+        } else {
+            let samples = random(original, order.collect(), wanted, options);
+            let area = |place| scaled_normal(there.corners(place)).length();
+            let number = samples.len();
+            (Source::Random(samples), number, number as f64 / (0..count as u32).map(area).sum::<f64>())
         };
         let mut known = vec![false; original.vertex_count()];
-        let corners = triangles.iter().enumerate().flat_map(|(i, &t)| {
-            let corners = original.triangle_vertices(t as usize);
-            corners.map(|v| (v, i))
+        let corners = there.triangles_in_space_order().enumerate().flat_map(|(i, t)| {
+            let [a, b, c] = original.triangle_vertices(t as usize);
+            [(a, i), (b, i), (c, i)]
         });
         let new = corners.filter(|&(v, _)| !std::mem::replace(&mut known[v as usize], true));
-        let (vertices, near): (Vec<u32>, Vec<usize>) = new.unzip();
-        let count = triangles.len();
-        let source = if per_triangle >= 0.5 { rule(triangles) } else { random(original, triangles, wanted, options) };
-        let samples = source.len();
-        let near = near.into_iter().map(|i| (i * samples / count) as u32).collect();
-        Self { original, samples, source, vertices, near }
+        let (vertices, near) = new.map(|(v, i)| (v, (i * samples / count) as u32)).unzip();
+        Self { original, there, samples, source, density, vertices, near }
     }
 
     /// Number of samples and vertices.
@@ -193,8 +235,8 @@ impl<'a> Points<'a> {
     #[inline]
     fn sample(&self, i: usize) -> Sample {
         match &self.source {
-            Source::Rule { triangles, places } => {
-                let corners = self.original.triangle_points(triangles[i / places.len()] as usize);
+            Source::Rule(places) => {
+                let corners = self.there.corners((i / places.len()) as u32);
                 let scaled = scaled_normal(corners);
                 let normal = scaled.normalize_or_zero();
                 Sample { point: at(corners, places[i % places.len()]), normal, weight: scaled.length() }
@@ -203,98 +245,139 @@ impl<'a> Points<'a> {
         }
     }
 
-    /// A sample or, after them, a vertex.
+    /// A sample and what it counts or, after them, a vertex, which does not count.
     #[inline]
-    fn point(&self, i: usize) -> DVec3 {
+    fn point(&self, i: usize) -> (DVec3, f64) {
         match &self.source {
-            _ if i >= self.samples => vertex(self.original, self.vertices[i - self.samples] as usize),
-            Source::Rule { triangles, places } => {
-                let corners = self.original.triangle_points(triangles[i / places.len()] as usize);
-                at(corners, places[i % places.len()])
+            _ if i >= self.samples => (vertex(self.original, self.vertices[i - self.samples]), 0.0),
+            Source::Rule(places) => {
+                let corners = self.there.corners((i / places.len()) as u32);
+                (at(corners, places[i % places.len()]), scaled_normal(corners).length())
             }
-            Source::Random(samples) => samples[i].point,
+            Source::Random(samples) => (samples[i].point, samples[i].weight),
         }
     }
 
-    /// The triangles of the mesh that are nearest to all points.
+    /// The triangles of the mesh that are nearest to all points, and the distances.
     ///
     /// One search serves the samples on one triangle of the original, and the vertices near them: they are
     /// [followed](Self::follow) from there. Those that are further away by that than the rest are searched for
     /// themselves, so that the largest distance of all is the true one.
-    fn first_nearest(&self, mesh: &Mesh, sides: &Sides) -> Vec<u32> {
-        let here = Bvh::new(mesh);
+    fn first_nearest(&self, mesh: Surface<'_>, sides: &Sides) -> (Vec<u32>, Forward) {
+        let here = mesh.hierarchy();
         let at_once = match &self.source {
-            Source::Rule { places, .. } => places.len(),
+            Source::Rule(places) => places.len(),
             Source::Random(_) => 1,
         };
-        let searched = in_chunks(self.samples / at_once, |range| {
+        let mut nearest = vec![0; self.len()];
+        let (of_samples, of_vertices) = nearest.split_at_mut(self.samples);
+        let chunks = of_samples.par_chunks_mut(CHUNK * at_once).enumerate().map(|(chunk, nearest)| {
             let mut searcher = here.searcher();
-            let closest = |i: usize| searcher.closest(self.point(i * at_once)).expect("there are triangles");
-            range.map(closest).map(|found| (found.triangle, found.distance_sq)).collect()
+            let mut most = 0.0_f64;
+            for (i, nearest) in nearest.chunks_exact_mut(at_once).enumerate() {
+                let (point, _) = self.point((chunk * CHUNK + i) * at_once);
+                let found = searcher.closest(point).expect("there are triangles");
+                nearest.fill(found.triangle);
+                most = most.max(found.distance_sq);
+            }
+            most
         });
-        let most = searched.iter().map(|&(_, distance_sq)| distance_sq).fold(0.0, f64::max);
-        let samples = (0..self.samples).map(|i| searched[i / at_once].0);
-        let vertices = self.near.iter().map(|&i| searched[i as usize / at_once].0);
-        let mut nearest: Vec<u32> = samples.chain(vertices).collect();
-        drop(searched);
-        self.walk(mesh, sides, &mut nearest);
-        self.search_again(&here, &mut nearest, |p, t| on_triangle(mesh, t, p).distance_sq > most);
-        nearest
+        let most = chunks.reduce(|| 0.0, f64::max);
+        of_vertices.par_iter_mut().zip(&self.near).for_each(|(nearest, &near)| *nearest = of_samples[near as usize]);
+        let forward = self.find_again(&mut nearest, || {
+            let mut searcher = here.searcher();
+            let mut search = move |p| searcher.closest(p).expect("there are triangles");
+            move |p, from| {
+                let found = sides.walk(mesh, from, p);
+                if found.distance_sq > most { search(p) } else { found }
+            }
+        });
+        (nearest, forward)
     }
 
     /// Brings the nearest triangles of the first points up to date after vertices have moved. Good enough to fit to; what
     /// is nearest may be missed at folds, so the distances found are never too small.
-    fn follow(&self, mesh: &Mesh, sides: &Sides, nearest: &mut [u32]) {
-        self.walk(mesh, sides, nearest);
-        if let Source::Random(_) = self.source {
+    fn follow(&self, mesh: Surface<'_>, sides: &Sides, nearest: &mut [u32]) -> Forward {
+        match self.source {
+            Source::Rule(_) => self.find_again(nearest, || |p, from| sides.walk(mesh, from, p)),
             // few, so that each may be looked at again that has come to the side of a triangle
-            let samples = nearest.len().min(self.samples);
-            let is_at_side = |p: DVec3, t: u32| on_triangle(mesh, t, p).barycentric.contains(&0.0);
-            self.search_again(&Bvh::new(mesh), &mut nearest[..samples], is_at_side);
-        }
-    }
-
-    /// From triangles over sides to neighbours as long as these are nearer.
-    fn walk(&self, mesh: &Mesh, sides: &Sides, nearest: &mut [u32]) {
-        nearest.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, nearest)| {
-            for (i, nearest) in nearest.iter_mut().enumerate() {
-                *nearest = sides.walk(mesh, *nearest, self.point(chunk * CHUNK + i));
+            Source::Random(_) => {
+                self.find_again(nearest, || |p, from| sides.walk(mesh, from, p));
+                self.search_again(mesh, nearest, |found| found.barycentric.contains(&0.0))
             }
-        });
+        }
     }
 
     /// Looks anew for the triangles nearest to some of the first points. (Those on triangles that have not moved are as near
     /// as before, or nearer.)
-    fn search_again(&self, here: &Bvh<'_>, nearest: &mut [u32], which: impl Fn(DVec3, u32) -> bool + Sync) {
-        nearest.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, nearest)| {
+    fn search_again(
+        &self,
+        mesh: Surface<'_>,
+        nearest: &mut [u32],
+        which: impl Fn(&ClosestPoint) -> bool + Sync,
+    ) -> Forward {
+        let here = mesh.hierarchy();
+        self.find_again(nearest, || {
             let mut searcher = here.searcher();
-            for (i, nearest) in nearest.iter_mut().enumerate() {
-                let point = self.point(chunk * CHUNK + i);
-                if which(point, *nearest) {
-                    *nearest = searcher.closest(point).expect("there are triangles").triangle;
-                }
+            let which = &which;
+            move |p, known| {
+                let found = mesh.nearest(known, p);
+                if which(&found) { searcher.closest(p).expect("there are triangles") } else { found }
             }
+        })
+    }
+
+    /// Finds the triangles nearest to the first points anew, each from the one known, and adds up the distances.
+    fn find_again<F: FnMut(DVec3, u32) -> ClosestPoint>(
+        &self,
+        nearest: &mut [u32],
+        finder: impl Fn() -> F + Sync,
+    ) -> Forward {
+        let chunks = nearest.par_chunks_mut(CHUNK).enumerate().map(|(chunk, nearest)| {
+            let mut find = finder();
+            let mut sum = Forward::default();
+            for (i, nearest) in (chunk * CHUNK..).zip(nearest) {
+                let (point, weight) = self.point(i);
+                let found = find(point, *nearest);
+                *nearest = found.triangle;
+                sum.add(Forward { squares: found.distance_sq * weight, weights: weight, most_sq: found.distance_sq });
+            }
+            sum
         });
+        // piece by piece, so that the number of threads does not matter
+        chunks.collect::<Vec<_>>().into_iter().fold(Forward::default(), |mut sum, piece| {
+            sum.add(piece);
+            sum
+        })
     }
 }
 
-impl Source {
-    fn len(&self) -> usize {
-        match self {
-            Self::Rule { triangles, places } => triangles.len() * places.len(),
-            Self::Random(samples) => samples.len(),
-        }
+/// Distances of points from the mesh.
+#[derive(Debug, Clone, Copy, Default)]
+struct Forward {
+    /// Of the samples, by what they count.
+    squares: f64,
+    weights: f64,
+    most_sq: f64,
+}
+
+impl Forward {
+    #[inline]
+    fn add(&mut self, other: Self) {
+        self.squares += other.squares;
+        self.weights += other.weights;
+        self.most_sq = self.most_sq.max(other.most_sq);
     }
 }
 
-fn random(original: &Mesh, triangles: Vec<u32>, wanted: f64, options: &RefitOptions) -> Source {
+fn random(original: &Mesh, triangles: Vec<u32>, wanted: f64, options: &RefitOptions) -> Vec<Sample> {
     let count = wanted.ceil() as u64;
     let sampler = SurfaceSampler::new(original, triangles, options.seed);
-    Source::Random(in_chunks(count as usize, |range| {
+    in_chunks(count as usize, |range| {
         let normal = |t: u32| scaled_normal(original.triangle_points(t as usize)).normalize_or_zero();
         let samples = sampler.samples(count, range.start as u64..range.end as u64);
         samples.map(|s| Sample { point: s.point, normal: normal(s.triangle), weight: 1.0 }).collect()
-    }))
+    })
 }
 
 /// A rule that is exact for quadratic functions, as squared distances are where one triangle lies on another.
@@ -316,7 +399,7 @@ struct Sample {
     weight: f64,
 }
 
-/// Samples or points in a piece of work.
+/// Points in a piece of work.
 const CHUNK: usize = 1 << 13;
 
 /// The results of all chunks, one after the other.
@@ -327,12 +410,6 @@ fn in_chunks<T: Clone + Send>(count: usize, work: impl Fn(std::ops::Range<usize>
 
 /// Triangles that [`Sides::walk`] goes on to.
 const MOST_STEPS: usize = 16;
-
-fn on_triangle(mesh: &Mesh, triangle: u32, p: DVec3) -> ClosestPoint {
-    let corners = mesh.triangle_points(triangle as usize);
-    let (barycentric, distance_sq) = closest_on_triangle(p, corners);
-    ClosestPoint { triangle, barycentric, point: at(corners, barycentric), distance_sq }
-}
 
 /// What lies beyond the sides of triangles.
 struct Sides {
@@ -360,8 +437,9 @@ impl Sides {
     }
 
     /// From a triangle over sides to neighbours as long as these are nearer to a point.
-    fn walk(&self, mesh: &Mesh, triangle: u32, p: DVec3) -> u32 {
-        let mut best = on_triangle(mesh, triangle, p);
+    #[inline]
+    fn walk(&self, mesh: Surface<'_>, from: u32, p: DVec3) -> ClosestPoint {
+        let mut best = mesh.nearest(from, p);
         for _ in 0..MOST_STEPS {
             let ClosestPoint { triangle: here, barycentric, .. } = best;
             for (corner, &weight) in barycentric.iter().enumerate() {
@@ -370,7 +448,7 @@ impl Sides {
                 if weight > 0.0 || neighbor == u32::MAX {
                     continue;
                 }
-                let other = on_triangle(mesh, neighbor, p);
+                let other = mesh.nearest(neighbor, p);
                 if other.distance_sq < best.distance_sq {
                     best = other;
                 }
@@ -379,13 +457,12 @@ impl Sides {
                 break;
             }
         }
-        best.triangle
+        best
     }
 
     /// Vertices that stay: by wish, and on sides without a neighbour.
-    fn fixed_vertices(&self, triangles: &[[u32; 3]], vertices: usize, wanted: &[bool]) -> Vec<bool> {
-        let mut fixed = wanted.to_vec();
-        fixed.resize(vertices, false);
+    fn fixed_vertices(&self, triangles: &[[u32; 3]], wanted: impl Iterator<Item = bool>) -> Vec<bool> {
+        let mut fixed: Vec<bool> = wanted.collect();
         for (triangle, opposite) in triangles.iter().zip(&self.opposite) {
             for k in (0..3).filter(|&k| opposite[k] == u32::MAX) {
                 fixed[triangle[(k + 1) % 3] as usize] = true;
@@ -396,161 +473,241 @@ impl Sides {
     }
 }
 
-/// The moves that make the distances of the samples from their nearest points least.
-fn moves(mesh: &Mesh, triangles: &[[u32; 3]], points: &Points<'_>, nearest: &[u32], fixed: &[bool]) -> Vec<DVec3> {
-    let row = |i: usize| {
-        let Sample { point, normal, weight } = points.sample(i);
-        let found = on_triangle(mesh, nearest[i], point);
-        Row { weights: found.barycentric, normal, wanted: point - found.point, weight }
+/// The moves that make the distances of the samples from their nearest points least, and those of the mesh from the
+/// original where samples do not tell: on triangles that span what the original does not have, or has further away, few
+/// points are nearest to a sample.
+fn moves(mesh: Surface<'_>, points: &Points<'_>, nearest: &[u32], backward: &Backward, fixed: &[bool]) -> Vec<DVec3> {
+    let rows = |t: u32, samples: &[u32], sum: &mut OnTriangle| {
+        let corners = mesh.corners(t);
+        let mut covered = 0.0;
+        for &i in samples {
+            let Sample { point, normal, weight } = points.sample(i as usize);
+            let (weights, _) = closest_on_triangle(point, corners);
+            sum.add(&Row { weights, normal, wanted: point - at(corners, weights), weight });
+            covered += weight;
+        }
+        let uncovered = scaled_normal(corners).length() * points.density - covered;
+        if uncovered > COVERED * covered {
+            let parts = backward.parts;
+            let mut searcher = points.there.searcher();
+            for part in 0..parts.count() {
+                let weights = parts.middle(part);
+                let (point, guess) = (at(corners, weights), backward.places[backward.place_of(mesh, t, part)]);
+                let Some((place, distance_sq)) = searcher.close_place(point, guess, 0.0) else { continue };
+                let there = points.there.corners(place);
+                let wanted = at(there, closest_on_triangle(point, there).0) - point;
+                let normal = if distance_sq > 0.0 { wanted } else { scaled_normal(there) }.normalize_or_zero();
+                sum.add(&Row { weights, normal, wanted, weight: uncovered / parts.count() as f64 });
+            }
+        }
     };
-    Fit::new(triangles, nearest.iter().copied(), row, fixed).solve()
+    Fit::new(mesh.triangles, nearest.iter().copied(), rows, fixed).solve()
 }
+
+/// The part of a triangle's area that samples may leave uncovered, of what they cover.
+const COVERED: f64 = 0.1;
 
 /// Distances both ways.
 #[derive(Debug)]
 struct Errors {
-    /// Root mean square distance of the samples.
-    rms: f64,
-    /// Largest distance of a sample, of a vertex of the original, or of a point of the mesh.
-    max: f64,
-    /// Of each vertex of the mesh, and of the middle of each of its triangles: squared distance from the original, and the
-    /// place of the triangle there.
-    backward: Vec<(f64, u32)>,
+    forward: Forward,
+    backward: Backward,
 }
-
-/// What was known before vertices moved, and which of [`Errors::backward`] have to be looked for anew.
-type Before<'a> = (&'a Errors, &'a (dyn Fn(usize) -> bool + Sync));
 
 impl Errors {
-    fn of(mesh: &Mesh, there: &Bvh<'_>, points: &Points<'_>, nearest: &[u32], before: Option<Before<'_>>) -> Self {
-        let vertices = mesh.vertex_count();
-        let backward = in_chunks(vertices + mesh.triangle_count(), |range| {
+    /// What the errors are after vertices have moved. Only `known_sq`, a squared distance, is compared with.
+    fn after(&self, mesh: Surface<'_>, there: &Bvh<'_>, forward: Forward, known_sq: f64) -> Self {
+        let mut backward = self.backward.clone();
+        backward.update(mesh, there, forward.most_sq.min(known_sq));
+        Self { forward, backward }
+    }
+
+    /// Root mean square distance of the samples.
+    fn rms(&self) -> f64 {
+        (self.forward.squares / self.forward.weights.max(f64::MIN_POSITIVE)).sqrt()
+    }
+
+    /// Largest squared distance of a sample, of a vertex of the original, or of a point of the mesh.
+    fn max_sq(&self) -> f64 {
+        self.forward.most_sq.max(self.backward.most_sq)
+    }
+
+    fn max(&self) -> f64 {
+        self.max_sq().sqrt()
+    }
+
+    /// Vertices further than `most_sq`, or corners of a triangle that is or that is nearest to a point that is, before the
+    /// moves or after them.
+    fn vertices_beyond(
+        &self,
+        most_sq: f64,
+        points: &Points<'_>,
+        nearest: &[u32],
+        [before, after]: [Surface<'_>; 2],
+        sides: &Sides,
+    ) -> Vec<u32> {
+        let forward = in_chunks(points.len(), |range| {
+            let far = range.map(|i| (nearest[i], points.point(i).0));
+            let far = far.filter(|&(t, p)| after.nearest(t, p).distance_sq > most_sq);
+            far.flat_map(|(t, p)| [t, sides.walk(before, t, p).triangle]).collect()
+        });
+        let Backward { parts, places, .. } = &self.backward;
+        let backward = in_chunks(places.len(), |range| {
+            let is_far =
+                |i: &usize| closest_on_triangle(parts.point(after, *i), points.there.corners(places[*i])).1 > most_sq;
+            range.filter(is_far).collect()
+        });
+        let vertices = after.positions.len();
+        let (of_vertices, inside): (Vec<usize>, Vec<usize>) = backward.into_iter().partition(|&i| i < vertices);
+        let far_triangles = inside.into_iter().map(|i| (i - vertices) / parts.count());
+        let far_triangles = forward.into_iter().map(|t| t as usize).chain(far_triangles);
+        let corners = far_triangles.flat_map(|t| after.triangles[t]);
+        corners.chain(of_vertices.into_iter().map(|v| v as u32)).collect()
+    }
+}
+
+/// Distances of points of the mesh from the original.
+#[derive(Debug, Clone)]
+struct Backward {
+    /// Triangles are looked at in the middles of their parts.
+    parts: Parts,
+    /// Of each vertex of the mesh, and of the parts of each of its triangles: the place of the nearest triangle of the
+    /// original, or of one that is near enough.
+    places: Vec<u32>,
+    most_sq: f64,
+}
+
+impl Backward {
+    /// Squared distances up to `enough_sq` are of no interest.
+    fn of(mesh: Surface<'_>, there: &Bvh<'_>, parts: Parts, enough_sq: f64) -> Self {
+        let count = mesh.positions.len() + mesh.triangles.len() * parts.count();
+        let mut backward = Self { parts, places: vec![u32::MAX; count], most_sq: 0.0 };
+        backward.update(mesh, there, enough_sq);
+        backward
+    }
+
+    /// Looks anew for what is near enough.
+    fn update(&mut self, mesh: Surface<'_>, there: &Bvh<'_>, enough_sq: f64) {
+        let parts = self.parts;
+        let chunks = self.places.par_chunks_mut(CHUNK).enumerate().map(|(chunk, places)| {
             let mut searcher = there.searcher();
-            let point = |i: usize| if i < vertices { vertex(mesh, i) } else { middle(mesh, i - vertices) };
-            let place = |i: usize| match before {
-                Some((before, is_stale)) if !is_stale(i) => before.backward[i],
-                _ => nearest_place(&mut searcher, point(i), before.map(|(before, _)| before.backward[i].1)),
-            };
-            range.map(place).collect()
-        });
-        // sums of pieces, so that the number of threads does not matter
-        let pieces = in_chunks(nearest.len(), |range| {
-            let (mut squares, mut weights, mut most) = (0.0, 0.0, 0.0_f64);
-            for i in range {
-                let distance_sq = on_triangle(mesh, nearest[i], points.point(i)).distance_sq;
-                most = most.max(distance_sq);
-                if i < points.samples {
-                    let weight = points.sample(i).weight;
-                    squares += distance_sq * weight;
-                    weights += weight;
-                }
+            let mut most_sq = 0.0_f64;
+            for (i, place) in (chunk * CHUNK..).zip(places) {
+                let guess = if *place == u32::MAX { searcher.last_place() } else { *place };
+                let found = searcher.close_place(parts.point(mesh, i), guess, enough_sq);
+                let (found, distance_sq) = found.unwrap_or((0, 0.0));
+                *place = found;
+                most_sq = most_sq.max(distance_sq);
             }
-            vec![(squares, weights, most)]
+            most_sq
         });
-        let (mut squares, mut weights, mut most) = (0.0, f64::MIN_POSITIVE, 0.0_f64);
-        for piece in pieces {
-            (squares, weights, most) = (squares + piece.0, weights + piece.1, most.max(piece.2));
+        self.most_sq = chunks.reduce(|| 0.0, f64::max);
+    }
+
+    fn place_of(&self, mesh: Surface<'_>, triangle: u32, part: usize) -> usize {
+        mesh.positions.len() + triangle as usize * self.parts.count() + part
+    }
+}
+
+/// Triangles in equal parts: so many to a side.
+#[derive(Debug, Clone, Copy)]
+struct Parts(usize);
+
+impl Parts {
+    /// So many that there are about half as many parts as triangles of the original.
+    fn of_each(triangles_of_original: usize) -> Self {
+        Self((triangles_of_original / 2).isqrt().clamp(1, 6))
+    }
+
+    fn count(self) -> usize {
+        self.0 * self.0
+    }
+
+    /// The middle of a part, in barycentric coordinates.
+    fn middle(self, part: usize) -> [f64; 3] {
+        // rows of 1, 3, 5, ... parts, every other one upside down
+        let row = part.isqrt();
+        let (column, is_upside_down) = ((part - row * row) / 2, (part - row * row) % 2);
+        let v = (3 * (row - column) + 1 - 2 * is_upside_down) as f64 / (3 * self.0) as f64;
+        let w = (3 * column + 1 + is_upside_down) as f64 / (3 * self.0) as f64;
+        [1.0 - v - w, v, w]
+    }
+
+    /// A vertex of the mesh or, after them, the middle of a part of a triangle.
+    fn point(self, mesh: Surface<'_>, i: usize) -> DVec3 {
+        match i.checked_sub(mesh.positions.len()) {
+            None => mesh.vertex(i as u32),
+            Some(i) => at(mesh.corners((i / self.count()) as u32), self.middle(i % self.count())),
         }
-        most = backward.iter().fold(most, |most, &(distance_sq, _)| most.max(distance_sq));
-        Self { rms: (squares / weights).sqrt(), max: most.sqrt(), backward }
-    }
-
-    /// Vertices of the mesh that are further away than `most`, or corners of a triangle that is or that is nearest to a point
-    /// that is, now or before the moves.
-    fn vertices_beyond(&self, most: f64, mesh: &Mesh, points: &Points<'_>, nearest: [&[u32]; 2]) -> Vec<u32> {
-        let is_far = |distance_sq: f64| distance_sq > most * most;
-        let far = in_chunks(points.len(), |range| {
-            range.filter(|&i| is_far(on_triangle(mesh, nearest[0][i], points.point(i)).distance_sq)).collect()
-        });
-        let forward = far.into_iter().flat_map(|i| nearest.map(|nearest| nearest[i]));
-        let (vertices, middles) = self.backward.split_at(mesh.vertex_count());
-        let numbers = |distances: &[(f64, u32)]| -> Vec<u32> {
-            (0..).zip(distances).filter(|(_, now)| is_far(now.0)).map(|(i, _)| i).collect()
-        };
-        let corners = forward.chain(numbers(middles)).flat_map(|t| mesh.triangle_vertices(t as usize));
-        corners.chain(numbers(vertices)).collect()
     }
 }
 
-/// The squared distance of a point from the original, and the place of the nearest triangle; `guess` is such a place.
-fn nearest_place(searcher: &mut Searcher<'_>, point: DVec3, guess: Option<u32>) -> (f64, u32) {
-    let guess = guess.unwrap_or_else(|| searcher.last_place());
-    searcher.closest_place(point, guess).map_or((0.0, 0), |(place, distance_sq)| (distance_sq, place))
-}
-
-fn vertex(mesh: &Mesh, v: usize) -> DVec3 {
-    glam::Vec3::from(mesh.positions[v]).as_dvec3()
-}
-
-fn middle(mesh: &Mesh, t: usize) -> DVec3 {
-    mesh.triangle_points(t).into_iter().sum::<DVec3>() / 3.0
+fn vertex(mesh: &Mesh, v: u32) -> DVec3 {
+    glam::Vec3::from(mesh.positions[v as usize]).as_dvec3()
 }
 
 /// Where the vertices of a mesh have gone.
 struct Moved {
     /// From where they were at first.
     by: Vec<DVec3>,
+    /// To.
+    positions: Vec<[f32; 3]>,
 }
 
 impl Moved {
-    fn new(mesh: &Mesh) -> Self {
-        Self { by: vec![DVec3::ZERO; mesh.vertex_count()] }
+    fn new(mesh: Surface<'_>) -> Self {
+        Self { by: vec![DVec3::ZERO; mesh.positions.len()], positions: mesh.positions.to_vec() }
     }
 
-    fn position(&self, mesh: &Mesh, v: u32) -> glam::Vec3 {
-        let most = DVec3::splat(f64::from(f32::MAX));
-        (glam::Vec3::from(mesh.positions[v as usize]).as_dvec3() + self.by[v as usize]).clamp(-most, most).as_vec3()
-    }
-
-    /// The mesh with its vertices where they have gone; without attributes.
-    fn mesh(&self, mesh: &Mesh) -> Mesh {
-        Mesh {
-            positions: (0..mesh.vertex_count() as u32).map(|v| self.position(mesh, v).to_array()).collect(),
-            wedge_vertices: mesh.wedge_vertices.clone(),
-            triangles: mesh.triangles.clone(),
-            ..Mesh::default()
-        }
+    fn surface<'a>(&'a self, first: Surface<'a>) -> Surface<'a> {
+        Surface { positions: &self.positions, ..first }
     }
 
     /// Moves on, as far as no triangle turns too far.
-    fn add(&mut self, moves: &[DVec3], mesh: &Mesh) {
+    fn add(&mut self, moves: &[DVec3], first: Surface<'_>) {
+        let moving: Vec<u32> = (0..).zip(moves).filter(|(_, by)| **by != DVec3::ZERO).map(|(v, _)| v).collect();
         self.by.iter_mut().zip(moves).for_each(|(by, more)| *by += *more);
-        self.turn_back(mesh);
+        self.turn_back(moving, first);
     }
 
-    /// Takes back half of the moves at triangles that have turned by more than 60 degrees, and all in the end.
-    fn turn_back(&mut self, mesh: &Mesh) {
-        let normal = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a);
+    /// Takes all moves of some vertices back; says of which vertices the position has changed.
+    fn take_back(&mut self, vertices: &[u32], first: Surface<'_>) -> Vec<bool> {
+        let before = self.positions.clone();
+        vertices.iter().for_each(|&v| self.by[v as usize] = DVec3::ZERO);
+        self.turn_back(vertices.to_vec(), first);
+        before.iter().zip(&self.positions).map(|(p, q)| p != q).collect()
+    }
+
+    /// Puts vertices where they have gone, but takes back half of the moves at triangles that have turned by more than 60
+    /// degrees, and all in the end.
+    fn turn_back(&mut self, mut changed: Vec<u32>, first: Surface<'_>) {
         let mut halved = vec![0_u8; self.by.len()];
-        loop {
-            let is_bad = |t: &usize| {
-                let vertices = mesh.triangle_vertices(*t);
-                if vertices.iter().all(|&v| self.by[v as usize] == DVec3::ZERO) {
+        let mut is_changed = vec![false; self.by.len()];
+        let most = DVec3::splat(f64::from(f32::MAX));
+        while !changed.is_empty() {
+            for &v in &changed {
+                let to = (first.vertex(v) + self.by[v as usize]).clamp(-most, most);
+                self.positions[v as usize] = to.as_vec3().to_array();
+                is_changed[v as usize] = true;
+            }
+            let now = self.surface(first);
+            let is_bad = |t: &u32| {
+                let corners = first.triangles[*t as usize];
+                if corners.iter().all(|&v| !is_changed[v as usize] || self.by[v as usize] == DVec3::ZERO) {
                     return false;
                 }
-                let before = normal(mesh.triangle_points(*t));
-                let after = normal(vertices.map(|v| self.position(mesh, v).as_dvec3()));
+                let [before, after] = [first, now].map(|surface| scaled_normal(surface.corners(*t)));
                 before.dot(after) <= 0.5 * (before.length_squared() * after.length_squared()).sqrt()
             };
-            let bad: Vec<usize> = (0..mesh.triangle_count()).into_par_iter().filter(is_bad).collect();
-            if bad.is_empty() {
-                return;
-            }
-            let mut vertices: Vec<u32> = bad.into_iter().flat_map(|t| mesh.triangle_vertices(t)).collect();
-            vertices.sort_unstable();
-            vertices.dedup();
-            for v in vertices {
+            let bad: Vec<u32> = (0..first.triangles.len() as u32).into_par_iter().filter(is_bad).collect();
+            changed.iter().for_each(|&v| is_changed[v as usize] = false);
+            changed = bad.into_iter().flat_map(|t| first.triangles[t as usize]).collect();
+            changed.sort_unstable();
+            changed.dedup();
+            for &v in &changed {
                 halved[v as usize] += 1;
                 self.by[v as usize] *= if halved[v as usize] > 3 { 0.0 } else { 0.5 };
             }
         }
-    }
-
-    /// Takes all moves of some vertices back.
-    fn take_back(&mut self, mesh: &Mesh, vertices: &[u32]) {
-        for &v in vertices {
-            self.by[v as usize] = DVec3::ZERO;
-        }
-        self.turn_back(mesh);
     }
 }
