@@ -311,6 +311,11 @@ pub(crate) struct SimplifyArgs {
     /// In which space differences of colours count, where they do: as stored, or CIE L*a*b*, where equal differences look equal.
     #[arg(long, value_name = "rgb|lab", default_value = "rgb", value_parser = ["rgb", "lab"], help_heading = "Attributes")]
     pub(crate) color_space: String,
+    /// How attributes enter the metric, where they count: by their gradients over the surface (Hoppe 1999), or by distances in
+    /// the space of positions and attributes together (Garland and Heckbert 1998; for comparison).
+    #[arg(long, value_name = "KIND", default_value = "gradients", value_parser = ["gradients", "generalized-quadric"],
+        help_heading = "Attributes")]
+    pub(crate) attribute_metric: String,
     /// Let triangles be turned over in the texture.
     #[arg(long, help_heading = "Attributes")]
     pub(crate) texture_may_fold: bool,

@@ -251,7 +251,7 @@ impl QuadricMetric {
     }
 
     /// Planes through the features at a vertex, upright on the surface.
-    fn constraint_planes(&self, mesh: &CollapseMesh, vertex: u32, features: &Features) -> Quadric {
+    pub(super) fn constraint_planes(&self, mesh: &CollapseMesh, vertex: u32, features: &Features) -> Quadric {
         let mut sum = Quadric::default();
         let Some(constraint) = self.options.constraint.filter(|_| features.touches(vertex)) else { return sum };
         let p = mesh.point(vertex);
@@ -270,7 +270,7 @@ impl QuadricMetric {
 
     /// The quadric that places the merged vertex of an edge.
     #[inline]
-    fn placing(&self, [a, b]: [u32; 2]) -> Quadric {
+    pub(super) fn placing(&self, [a, b]: [u32; 2]) -> Quadric {
         let quadrics = if self.options.memory == QuadricMemory::Summed { &self.sums } else { &self.rebuilt };
         quadrics[a as usize] + quadrics[b as usize]
     }

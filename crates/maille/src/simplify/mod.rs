@@ -10,7 +10,7 @@
 //! | `passes` | many collapses at once, on all cores, before the queue |
 //! | `metric`, `quadric` | costs and placements |
 //! | `local_quadric` | the same for passes: in single precision, four edges at a time |
-//! | `attributes` | the same with what wedges carry |
+//! | `attributes/` | the same with what wedges carry: by gradients, by generalised quadrics |
 //! | `corners` | which wedge each corner has |
 //! | `lindstrom_turk` | the metric of Lindstrom and Turk |
 //! | `uncertain` | probabilistic quadrics, line quadrics |
@@ -53,9 +53,9 @@ pub use metric::{
     Anchor, Candidate, EdgeContext, Metric, QuadricMemory, QuadricMetric, QuadricOptions, ShortestEdge, Update,
 };
 pub use options::{
-    AttributeError, AttributeWeights, ColorSpace, CurvePoint, EdgePolicy, MetricKind, NormalPolicy, Order,
-    PlacementKind, QuadricWeight, Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, Target,
-    TopologyPolicy,
+    AttributeError, AttributeMetricKind, AttributeWeights, ColorSpace, CurvePoint, EdgePolicy, MetricKind,
+    NormalPolicy, Order, PlacementKind, QuadricWeight, Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop,
+    Target, TopologyPolicy,
 };
 pub use quadric::Quadric;
 pub use uncertain::FaceQuadric;
@@ -69,7 +69,7 @@ use crate::topology::{CollapseMesh, UnionFind};
 
 use crate::mesh::order::{curve_order, ranks};
 use crate::{Control, Mesh};
-use attributes::AttributeMetric;
+use attributes::{AttributeMetric, GeneralizedQuadrics, Lifted};
 use passes::{Done, Surface, collapse_in_passes};
 
 /// Reduces a triangle mesh by greedy edge collapse, cheapest first.
@@ -133,8 +133,13 @@ pub fn simplify(
         None => control.time("sorting", || sorted(mesh, options)),
     };
     let is_passed = surface_metric.is_some();
-    let mut appearance = quadric.and_then(|quadric| AttributeMetric::new(quadric, &work, &frame, &options));
-    if appearance.is_none() && !is_passed {
+    let lifted = if quadric.is_some() { Lifted::lift(&mut work, &options) } else { Lifted::default() };
+    let is_generalized = options.attribute_metric == AttributeMetricKind::GeneralizedQuadric;
+    let mut appearance =
+        quadric.filter(|_| !is_generalized).and_then(|q| AttributeMetric::new(q, &work, &frame, &options));
+    let mut generalized =
+        quadric.filter(|_| is_generalized).and_then(|q| GeneralizedQuadrics::new(q, &work, &frame, &options));
+    if appearance.is_none() && generalized.is_none() && !is_passed {
         surface_metric = quadric.map(QuadricMetric::new);
     }
     let positions = std::mem::take(&mut work.positions);
@@ -173,6 +178,10 @@ pub fn simplify(
     }
     let mut features = Features::new(&wedges, &faces, &options);
     let outcome = control.time("queue", || match (surface_metric, &mut appearance) {
+        _ if generalized.is_some() => {
+            let metric = generalized.as_mut().expect("it has just been seen");
+            collapse_edges(&mut faces, metric, &mut features, &mut wedges, &request, control)
+        }
         (Some(mut metric), _) => collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control),
         (None, Some(metric)) => collapse_edges(&mut faces, metric, &mut features, &mut wedges, &request, control),
         (None, None) if options.metric == MetricKind::LindstromTurk => {
@@ -184,12 +193,14 @@ pub fn simplify(
             collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
         }
     })?;
-    if let Some(metric) = &appearance {
-        metric.give_values(wedges.mesh_mut());
+    let carried = appearance.map(|metric| metric.carried).or(generalized.map(|metric| metric.carried));
+    if let Some(carried) = &carried {
+        carried.give_values(wedges.mesh_mut());
     }
     *mesh = control.time("finishing", || wedges.finish(faces));
+    lifted.put_back(mesh);
     let outcome = done.and(outcome);
-    let attributes = appearance.map_or_else(Vec::new, |metric| metric.errors());
+    let attributes = carried.map_or_else(Vec::new, |carried| carried.errors());
     Ok(SimplifyReport { attributes, ..report_of(triangles_in, mesh, outcome, &options, &frame) })
 }
 

@@ -227,6 +227,23 @@ impl Default for AttributeWeights {
     }
 }
 
+/// How attributes enter the metric.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub enum AttributeMetricKind {
+    /// By their gradients over the surface (Hoppe 1999, Hoppe and Marschner 2000); added to the metric of the surface.
+    #[default]
+    Gradients,
+    /// By distances in the space of positions and attributes together (Garland and Heckbert 1998), summed; in place of the
+    /// metric of the surface. For comparison: time and memory grow with the square of the number of channels.
+    GeneralizedQuadric,
+}
+
+impl AttributeMetricKind {
+    /// All kinds with the names the command line gives them.
+    pub const NAMES: [(&'static str, Self); 2] =
+        [("gradients", Self::Gradients), ("generalized-quadric", Self::GeneralizedQuadric)];
+}
+
 /// In which space differences of colours count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
 pub enum ColorSpace {
@@ -286,6 +303,8 @@ pub struct SimplifyOptions {
     pub attributes: AttributeWeights,
     /// In which space differences of colours count, and colours are mixed.
     pub color_space: ColorSpace,
+    /// How attributes enter the metric.
+    pub attribute_metric: AttributeMetricKind,
     /// Whether triangles may be turned over in the texture, where texture coordinates count.
     pub texture_may_fold: bool,
     /// Refuse collapses after which texture coordinates that count are off by more than this, by the estimate of the
@@ -361,6 +380,7 @@ impl Default for SimplifyOptions {
             placement: PlacementKind::default(),
             attributes: AttributeWeights::default(),
             color_space: ColorSpace::default(),
+            attribute_metric: AttributeMetricKind::default(),
             texture_may_fold: false,
             max_texture_error: None,
             order: Order::default(),

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use maille::cluster::ClusterMethod;
 use maille::refit::RefitOptions;
 use maille::simplify::{
-    AttributeWeights, ColorSpace, EdgePolicy, MetricKind, Order, PlacementKind, QuadricMemory, Refusals, SimplifyError,
-    SimplifyOptions, Stop, TopologyPolicy,
+    AttributeMetricKind, AttributeWeights, ColorSpace, EdgePolicy, MetricKind, Order, PlacementKind, QuadricMemory,
+    Refusals, SimplifyError, SimplifyOptions, Stop, TopologyPolicy,
 };
 use maille_io::{Asset, AssetOptions, AssetReport, Budget, ProcessError, WriteOptions, Written, simplify_asset};
 use serde_json::{Value, json};
@@ -77,9 +77,13 @@ fn attributes_count(args: &SimplifyArgs) -> bool {
 /// Refuses options that clustering cannot heed, or the surface alone.
 fn check_method(args: &SimplifyArgs) -> Result<(), Failure> {
     let Some(method) = cluster_method(args) else {
-        if args.color_space != "rgb" && !attributes_count(args) {
-            let reason = "--color-space is for attributes that count, here the surface alone does; add --attributes";
-            return Err(Failure::Usage(reason.to_owned()));
+        let of_attributes = [
+            ("--color-space", args.color_space != "rgb"),
+            ("--attribute-metric", args.attribute_metric != "gradients"),
+        ];
+        if let Some((option, _)) = of_attributes.iter().find(|(_, given)| *given && !attributes_count(args)) {
+            let reason = "is for attributes that count, here the surface alone does; add --attributes";
+            return Err(Failure::Usage(format!("{option} {reason}")));
         }
         return Ok(());
     };
@@ -101,6 +105,7 @@ fn check_method(args: &SimplifyArgs) -> Result<(), Failure> {
         ("--normals", args.normals != Normals::Interpolate),
         ("--max-influences", args.max_influences.is_some()),
         ("--color-space", args.color_space != "rgb"),
+        ("--attribute-metric", args.attribute_metric != "gradients"),
     ];
     match of_collapses.iter().find(|(_, given)| *given) {
         None => Ok(()),
@@ -157,6 +162,7 @@ fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
     if !attributes_count(args) {
         simplify.attributes = AttributeWeights::NONE;
     }
+    simplify.attribute_metric = by_name(&AttributeMetricKind::NAMES, &args.attribute_metric).unwrap_or_default();
     simplify.color_space = by_name(&ColorSpace::NAMES, &args.color_space).unwrap_or_default();
     simplify.texture_may_fold = args.texture_may_fold;
     let refit =

@@ -54,7 +54,7 @@ fn the_quadric_is_what_the_faces_say() {
     let surface = quadric_options(&options, || 1.0).unwrap();
     let mut metric = AttributeMetric::new(surface, &mesh, &frame, &options).expect("two attributes count");
     metric.prepare(&faces, &Features::default());
-    let told = metric.errors();
+    let told = metric.carried.errors();
     for edge in (0..faces.edge_count() as u32).step_by(97) {
         let ends = faces.ends(edge);
         let context = EdgeContext { ends, points: ends.map(|v| faces.point(v)), anchor: Anchor::Free };
@@ -101,6 +101,33 @@ fn edges_of_colour_stay_where_they_are() {
     let [with, without] = [with, without].map(|small| color_difference(&mesh, &small));
     assert!(with < 0.5 * without, "{with} for {without}");
     assert!(report.attributes[0].error > 0.0 && plain.attributes.is_empty());
+}
+
+#[test]
+fn generalized_quadrics_see_colours_too() {
+    let mesh = checkered();
+    let kind = AttributeMetricKind::GeneralizedQuadric;
+    let (with, report) = reduced(&mesh, &SimplifyOptions { attribute_metric: kind, ..to(1600) });
+    let (without, _) = reduced(&mesh, &SimplifyOptions { attributes: AttributeWeights::NONE, ..to(1600) });
+    let [with, without] = [with, without].map(|small| color_difference(&mesh, &small));
+    assert!(with < 0.7 * without, "{with} for {without}");
+    assert!(report.attributes[0].error > 0.0 && report.stopped == Stop::Triangles);
+}
+
+#[test]
+fn attributes_of_vertices_count_like_those_of_wedges() {
+    let mesh = checkered();
+    let mut at_vertices = mesh.clone();
+    assert!(mesh.wedge_vertices.iter().zip(0..).all(|(&v, w)| v == w));
+    at_vertices.vertex_attributes.append(&mut at_vertices.wedge_attributes);
+    let plain = Attribute::new_u32(Semantic::Custom("number".into()), 1, (0..mesh.vertex_count() as u32).collect());
+    at_vertices.vertex_attributes.insert(0, plain);
+    let (of_wedges, _) = reduced(&mesh, &to(1600));
+    let (of_vertices, report) = reduced(&at_vertices, &to(1600));
+    assert!(of_vertices.positions == of_wedges.positions && of_vertices.wedge_attributes.is_empty());
+    assert!(of_vertices.vertex_attributes[1] == of_wedges.wedge_attributes[0]);
+    assert_eq!(report.attributes.len(), 1);
+    of_vertices.check().unwrap();
 }
 
 #[test]
