@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use maille::measure::{AttributeDeviation, Comparison, compare_attributes, distances_at_vertices};
+use maille::refit::RefitOptions;
 use maille::simplify::{AttributeWeights, MetricKind, PlacementKind, SimplifyOptions, Target};
 use maille_io::AssetOptions;
 use serde_json::{Value, json};
@@ -19,11 +20,12 @@ use crate::session::Session;
 
 const VIEW: (f32, f32) = (30.0, 12.0);
 
-/// A metric and a placement.
+/// A metric, a placement, and whether vertices are fitted to the original in the end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Way {
     metric: MetricKind,
     placement: PlacementKind,
+    is_fitted: bool,
 }
 
 /// What one way made of one level.
@@ -110,21 +112,23 @@ impl Way {
         name_of(&MetricKind::NAMES, &self.metric)
     }
 
-    pub(super) fn placement(self) -> &'static str {
-        name_of(&PlacementKind::NAMES, &self.placement)
+    pub(super) fn placement(self) -> String {
+        let fitted = if self.is_fitted { ", fitted" } else { "" };
+        format!("{}{fitted}", name_of(&PlacementKind::NAMES, &self.placement))
     }
 
     /// Short: the placement only where it is not the usual one.
     pub(super) fn name(self) -> String {
-        match self.placement == self.metric.usual_placement() {
-            true => self.metric().to_owned(),
-            false => format!("{}, {}", self.metric(), self.placement()),
+        match (self.placement == self.metric.usual_placement(), self.is_fitted) {
+            (true, false) => self.metric().to_owned(),
+            (true, true) => format!("{}, fitted", self.metric()),
+            (false, _) => format!("{}, {}", self.metric(), self.placement()),
         }
     }
 }
 
-/// What is to be compared: all metrics at their usual placement, and the default metric at all placements; or as asked
-/// for.
+/// What is to be compared: all metrics at their usual placement, the default metric at all placements, and fitted; or as
+/// asked for.
 fn ways(args: &MetricsArgs) -> Vec<Way> {
     let metrics: Vec<MetricKind> = match args.metrics.as_slice() {
         [] => MetricKind::NAMES.into_iter().map(|(_, metric)| metric).collect(),
@@ -141,11 +145,15 @@ fn ways(args: &MetricsArgs) -> Vec<Way> {
             false => placements.clone(),
         };
         for placement in of_this {
-            let way = Way { metric, placement };
+            let way = Way { metric, placement, is_fitted: false };
             if !ways.contains(&way) {
                 ways.push(way);
             }
         }
+    }
+    if args.metrics.is_empty() && placements.is_empty() {
+        let metric = MetricKind::default();
+        ways.push(Way { metric, placement: metric.usual_placement(), is_fitted: true });
     }
     ways
 }
@@ -192,7 +200,8 @@ fn outcome(trials: &Trials<'_>, way: Way, target: usize) -> Result<Outcome, Fail
         attributes: AttributeWeights::NONE,
         ..SimplifyOptions::default()
     };
-    let trial = trials.run(&AssetOptions { simplify, ..AssetOptions::default() })?;
+    let refit = way.is_fitted.then(RefitOptions::default);
+    let trial = trials.run(&AssetOptions { simplify, refit, ..AssetOptions::default() })?;
     let control = trials.session.quiet_control();
     let attributes = compare_attributes(trials.surface, &trial.surface(), &trials.sampling(), control);
     let attributes = attributes.map_err(|error| trials.failure(&error))?;
@@ -209,7 +218,8 @@ impl Outcome {
     fn json(&self) -> Value {
         let mut object = json!({
             "metric": self.way.metric(),
-            "placement": self.way.placement(),
+            "placement": name_of(&PlacementKind::NAMES, &self.way.placement),
+            "fitted": self.way.is_fitted,
             "target": self.target,
         });
         let c = &self.trial.comparison;
@@ -256,7 +266,7 @@ pub(super) fn cells(outcome: &Outcome) -> Vec<String> {
     let share = |share: f64| format!("{} %", output::number(round(100.0 * share)));
     vec![
         outcome.way.metric().to_owned(),
-        outcome.way.placement().to_owned(),
+        outcome.way.placement(),
         output::seconds(outcome.trial.seconds),
         millionths(c.mean()),
         millionths(c.rms()),
