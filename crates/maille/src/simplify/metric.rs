@@ -443,6 +443,35 @@ impl QuadricOptions {
     }
 }
 
+/// Lets a collapse that looks flat go first if it changes nothing: the faces around the end that vanishes lie in planes
+/// through the other one. Quadrics do not tell that from coordinates that were rounded to single precision.
+#[cold]
+fn without_a_trace(mesh: &CollapseMesh, edge: &EdgeContext, candidate: Candidate) -> Candidate {
+    let may_stay = |end: usize| match edge.anchor {
+        Anchor::Free => true,
+        Anchor::First => end == 0,
+        Anchor::Second => end == 1,
+    };
+    let leaves_no_trace = |end: usize| {
+        let (kept, removed) = (edge.points[end], edge.points[1 - end]);
+        let most = EXACT * kept.distance(removed);
+        mesh.faces_around(edge.ends[1 - end]).all(|face| {
+            let (x, y) = (mesh.point(face.x) - removed, mesh.point(face.y) - removed);
+            let scaled_normal = x.cross(y);
+            scaled_normal.dot(kept - removed).abs() <= most * scaled_normal.length()
+        })
+    };
+    // the end that the planes prefer, if it is one
+    let first = usize::from(candidate.position == edge.points[1]);
+    match [first, 1 - first].into_iter().find(|&end| may_stay(end) && leaves_no_trace(end)) {
+        Some(end) => Candidate { cost: candidate.cost * SHORTNESS, position: edge.points[end], ..candidate },
+        None => candidate,
+    }
+}
+
+/// Sine below which what lies in a plane does so exactly, but for rounding in double precision.
+const EXACT: f64 = 1e-12;
+
 /// A sum of squares over its weight.
 #[inline]
 pub(super) fn mean(squared: f64, weight: f64) -> f64 {
@@ -507,9 +536,9 @@ impl Metric for QuadricMetric {
     }
 
     #[inline]
-    fn evaluate(&self, _: &CollapseMesh, _: &Features, edge: &EdgeContext) -> Option<Candidate> {
+    fn evaluate(&self, mesh: &CollapseMesh, _: &Features, edge: &EdgeContext) -> Option<Candidate> {
         let sum_of = |quadrics: &[Quadric]| quadrics[edge.ends[0] as usize] + quadrics[edge.ends[1] as usize];
-        Some(match self.options.memory {
+        let candidate = match self.options.memory {
             QuadricMemory::Summed => self.options.candidate(&sum_of(&self.sums), None, 0.0, edge),
             QuadricMemory::Rebuilt => {
                 self.options.candidate(&sum_of(&self.rebuilt), None, self.drift_sq_of(edge.ends), edge)
@@ -517,7 +546,8 @@ impl Metric for QuadricMetric {
             QuadricMemory::Both => {
                 self.options.candidate(&sum_of(&self.rebuilt), Some((&sum_of(&self.sums), self.remembered)), 0.0, edge)
             }
-        })
+        };
+        Some(if candidate.error_sq <= FLAT * FLAT { without_a_trace(mesh, edge, candidate) } else { candidate })
     }
 
     fn refine(
