@@ -169,7 +169,7 @@ impl Distance {
 /// (materials, textures, skins, animations, extensions) stays as it is, attributes follow the collapses.
 ///
 /// A file with several meshes is one asset: each distinct mesh is simplified once, and a number of triangles is shared
-/// out over the meshes in proportion to theirs.
+/// out over the meshes where the next collapse costs least (--budget).
 #[derive(Debug, Args)]
 #[command(after_long_help = SIMPLIFY_EXAMPLES)]
 #[command(group = clap::ArgGroup::new("target").required(true).multiple(true))]
@@ -226,8 +226,8 @@ pub(crate) struct SimplifyArgs {
     /// that do not touch one another, then as spatial. Default: passes.
     #[arg(long, value_name = "ORDER", value_parser = ORDERS, help_heading = "Method")]
     pub(crate) order: Option<String>,
-    /// Whether the vertices that are left are fitted to the original in the end: a smaller error for about as much time
-    /// again. Default: yes with --preset best.
+    /// Whether the vertices that are left are fitted to the original in the end: a smaller error for one to five times as
+    /// much time more. Default: yes with --preset best.
     #[arg(long, value_name = "yes|no", num_args = 0..=1, default_missing_value = "yes", require_equals = true,
         value_parser = clap::builder::BoolishValueParser::new(), help_heading = "Method")]
     pub(crate) refit: Option<bool>,
@@ -579,7 +579,7 @@ pub(crate) enum Preset {
     Fast,
     /// Hybrid quadrics, the best place that keeps the volume
     Balanced,
-    /// As balanced, always the cheapest edge first, fitted to the original in the end
+    /// As balanced, fitted to the original in the end
     Best,
     /// As balanced, but borders and topology may go: reaches the smallest counts
     Aggressive,

@@ -3,9 +3,6 @@
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-/// What a distance along the surface counts, of one along the normal.
-const ALONG: f64 = 1e-4;
-
 /// What staying counts, of what the samples of a vertex count: for vertices with few samples.
 const STAY: f32 = 1e-4;
 
@@ -22,6 +19,8 @@ pub(super) struct Row {
     pub(super) wanted: DVec3,
     /// What it counts.
     pub(super) weight: f64,
+    /// What a distance along the surface counts, of one along the normal.
+    pub(super) along: f64,
 }
 
 /// A symmetric matrix: xx, yy, zz, xy, xz, yz. There are many, and they steer the steps, not where these end.
@@ -62,7 +61,7 @@ impl OnTriangle {
     #[inline]
     pub(super) fn add(&mut self, row: &Row) {
         let n = row.normal;
-        let [along, across] = [row.weight * ALONG, row.weight * (1.0 - ALONG)];
+        let [along, across] = [row.weight * row.along, row.weight * (1.0 - row.along)];
         let m = n * across;
         let counts = [m.x * n.x + along, m.y * n.y + along, m.z * n.z + along, m.x * n.y, m.x * n.z, m.y * n.z];
         let counts = Symmetric(counts.map(|x| x as f32));
@@ -124,7 +123,7 @@ impl Equations {
         // the blocks of a row sum up to what all of its samples count, by what they count for the vertex
         let mut sum = diagonal;
         self.blocks[start..].iter().for_each(|(_, block)| sum.add(block, 1.0));
-        let weight = (sum.0[0] + sum.0[1] + sum.0[2]) / (1.0 + 2.0 * ALONG as f32);
+        let weight = sum.0[0] + sum.0[1] + sum.0[2];
         diagonal.0[..3].iter_mut().for_each(|x| *x += STAY * weight);
         let moves = !is_fixed && weight > 0.0;
         self.inverse.push(if moves { diagonal.inverse() } else { Symmetric::default() });
@@ -273,7 +272,7 @@ mod tests {
                 let weights = if u + v > 1.0 { [u + v - 1.0, 1.0 - u, 1.0 - v] } else { [1.0 - u - v, u, v] };
                 let p: DVec3 = corners.iter().zip(weights).map(|(c, w)| *c * w).sum();
                 let wanted = normal * normal.dot(DVec3::new(0.0, 0.0, 1.0 + p.x));
-                Row { weights, normal, wanted, weight: 1.0 }
+                Row { weights, normal, wanted, weight: 1.0, along: 1e-4 }
             })
             .collect();
         let all = |_, samples: &[u32], sum: &mut OnTriangle| samples.iter().for_each(|&i| sum.add(&rows[i as usize]));

@@ -54,6 +54,7 @@ pub struct RefitReport {
 
 /// Moves the vertices of a simplified mesh so that its surface fits the original best.
 ///
+/// Vertices slide along the surface to where they serve best; little where there are attributes, whose values stay.
 /// No triangle turns by more than 60 degrees, and the largest distance measured, both ways, does not grow: where it would,
 /// vertices stay where they were. The result does not depend on the number of threads. Meshes without triangles stay as
 /// they are.
@@ -99,11 +100,16 @@ pub fn refit(
     let before = Errors { forward, backward: Backward::of(first, &there, parts, forward.most_sq) };
     (report.rms_before, report.max_before) = (before.rms(), before.max());
     (report.rms_after, report.max_after) = (before.rms(), before.max());
+    let along = if mesh.wedge_attributes.is_empty() && mesh.vertex_attributes.is_empty() {
+        ALONG
+    } else {
+        ALONG_WITH_ATTRIBUTES
+    };
     let mut moved = Moved::new(first);
     let mut forward = forward;
     for round in 1..=options.rounds {
         tell(round)?;
-        let moves = moves(moved.surface(first), &points, &nearest[..points.samples], &before.backward, &fixed);
+        let moves = moves(moved.surface(first), &points, &nearest[..points.samples], &before.backward, &fixed, along);
         moved.add(&moves, first);
         let count = if round < options.rounds { points.samples } else { points.len() };
         forward = points.follow(moved.surface(first), &sides, &mut nearest[..count]);
@@ -476,14 +482,21 @@ impl Sides {
 /// The moves that make the distances of the samples from their nearest points least, and those of the mesh from the
 /// original where samples do not tell: on triangles that span what the original does not have, or has further away, few
 /// points are nearest to a sample.
-fn moves(mesh: Surface<'_>, points: &Points<'_>, nearest: &[u32], backward: &Backward, fixed: &[bool]) -> Vec<DVec3> {
+fn moves(
+    mesh: Surface<'_>,
+    points: &Points<'_>,
+    nearest: &[u32],
+    backward: &Backward,
+    fixed: &[bool],
+    along: f64,
+) -> Vec<DVec3> {
     let rows = |t: u32, samples: &[u32], sum: &mut OnTriangle| {
         let corners = mesh.corners(t);
         let mut covered = 0.0;
         for &i in samples {
             let Sample { point, normal, weight } = points.sample(i as usize);
             let (weights, _) = closest_on_triangle(point, corners);
-            sum.add(&Row { weights, normal, wanted: point - at(corners, weights), weight });
+            sum.add(&Row { weights, normal, wanted: point - at(corners, weights), weight, along });
             covered += weight;
         }
         let uncovered = scaled_normal(corners).length() * points.density - covered;
@@ -497,12 +510,18 @@ fn moves(mesh: Surface<'_>, points: &Points<'_>, nearest: &[u32], backward: &Bac
                 let there = points.there.corners(place);
                 let wanted = at(there, closest_on_triangle(point, there).0) - point;
                 let normal = if distance_sq > 0.0 { wanted } else { scaled_normal(there) }.normalize_or_zero();
-                sum.add(&Row { weights, normal, wanted, weight: uncovered / parts.count() as f64 });
+                sum.add(&Row { weights, normal, wanted, weight: uncovered / parts.count() as f64, along });
             }
         }
     };
     Fit::new(mesh.triangles, nearest.iter().copied(), rows, fixed).solve()
 }
+
+/// What a distance along the surface counts, of one along the normal.
+const ALONG: f64 = 1e-4;
+/// The same where there are attributes: they go with their vertices, so these should slide little. By measurement: with 0.05
+/// errors of textures double, with 1 a quarter less is gained in distance.
+const ALONG_WITH_ATTRIBUTES: f64 = 0.3;
 
 /// The part of a triangle's area that samples may leave uncovered, of what they cover.
 const COVERED: f64 = 0.1;

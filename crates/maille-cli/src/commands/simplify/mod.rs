@@ -106,12 +106,22 @@ fn check_method(args: &SimplifyArgs) -> Result<(), Failure> {
         ("--max-influences", args.max_influences.is_some()),
         ("--color-space", args.color_space != "rgb"),
         ("--attribute-metric", args.attribute_metric != "gradients"),
+        ("--attributes", args.attributes.is_some()),
+        ("--attribute-weight", !args.attribute_weight.is_empty()),
+        ("--max-texel-error", args.max_texel_error.is_some()),
+        ("--texture-may-fold", args.texture_may_fold),
+        ("--max-normal-deviation", args.max_normal_deviation != Turn(None)),
+        ("--silhouette-weight", args.silhouette_weight != 0.0),
+        ("--no-self-intersections", args.no_self_intersections),
+        ("--certify", args.certify),
     ];
     match of_collapses.iter().find(|(_, given)| *given) {
         None => Ok(()),
         Some((option, _)) => {
             let name = name_of(&ClusterMethod::NAMES, &method);
-            Err(Failure::Usage(format!("{option} is for edge collapse; leave it out, or {name} (--method, --preset)")))
+            Err(Failure::Usage(format!(
+                "{option} is for edge collapse, {name} (--method, --preset) is none; leave out one or the other"
+            )))
         }
     }
 }
