@@ -447,30 +447,33 @@ impl QuadricOptions {
 /// through the other one. Quadrics do not tell that from coordinates that were rounded to single precision.
 #[cold]
 fn without_a_trace(mesh: &CollapseMesh, edge: &EdgeContext, candidate: Candidate) -> Candidate {
-    let may_stay = |end: usize| match edge.anchor {
-        Anchor::Free => true,
-        Anchor::First => end == 0,
-        Anchor::Second => end == 1,
-    };
     let leaves_no_trace = |end: usize| {
         let (kept, removed) = (edge.points[end], edge.points[1 - end]);
         let most = EXACT * kept.distance(removed);
         mesh.faces_around(edge.ends[1 - end]).all(|face| {
-            let (x, y) = (mesh.point(face.x) - removed, mesh.point(face.y) - removed);
-            let scaled_normal = x.cross(y);
-            scaled_normal.dot(kept - removed).abs() <= most * scaled_normal.length()
+            let [x, y] = [face.x, face.y].map(|v| mesh.point(v));
+            let scaled_normal = (x - removed).cross(y - removed);
+            let is_in_plane = scaled_normal.dot(kept - removed).abs() <= most * scaled_normal.length();
+            let after = (x - kept).cross(y - kept);
+            let longest_sq = (x - kept).length_squared().max((y - kept).length_squared());
+            let vanishes = face.x == edge.ends[end] || face.y == edge.ends[end];
+            // what is left of a needle would be one, or turned over
+            let stays_sound = after.dot(scaled_normal) > 0.0 && after.length() > NEEDLE * longest_sq;
+            is_in_plane && (vanishes || stays_sound)
         })
     };
-    // the end that the planes prefer, if it is one
-    let first = usize::from(candidate.position == edge.points[1]);
-    match [first, 1 - first].into_iter().find(|&end| may_stay(end) && leaves_no_trace(end)) {
-        Some(end) => Candidate { cost: candidate.cost * SHORTNESS, position: edge.points[end], ..candidate },
+    // the end that the planes prefer, if it is one: they know of borders, too
+    match edge.points.iter().position(|&end| end == candidate.position).filter(|&end| leaves_no_trace(end)) {
+        Some(_) => Candidate { cost: candidate.cost * SHORTNESS, ..candidate },
         None => candidate,
     }
 }
 
 /// Sine below which what lies in a plane does so exactly, but for rounding in double precision.
 const EXACT: f64 = 1e-12;
+
+/// Sine of the least corner of a triangle that does not count as a needle.
+const NEEDLE: f64 = 1e-3;
 
 /// A sum of squares over its weight.
 #[inline]
