@@ -712,7 +712,9 @@ impl Moved {
             let now = self.surface(first);
             let is_bad = |t: &u32| {
                 let corners = first.triangles[*t as usize];
-                if corners.iter().all(|&v| !is_changed[v as usize] || self.by[v as usize] == DVec3::ZERO) {
+                let is_new = |&v: &u32| is_changed[v as usize];
+                let is_away = |&v: &u32| self.by[v as usize] != DVec3::ZERO;
+                if !corners.iter().any(is_new) || !corners.iter().any(is_away) {
                     return false;
                 }
                 let [before, after] = [first, now].map(|surface| scaled_normal(surface.corners(*t)));

@@ -450,7 +450,7 @@ fn without_a_trace(mesh: &CollapseMesh, edge: &EdgeContext, candidate: Candidate
     let leaves_no_trace = |end: usize| {
         let (kept, removed) = (edge.points[end], edge.points[1 - end]);
         let most = EXACT * kept.distance(removed);
-        mesh.faces_around(edge.ends[1 - end]).all(|face| {
+        mesh.faces_around(edge.ends[1 - end]).zip(0..=MOST_FACES).all(|(face, place)| {
             let [x, y] = [face.x, face.y].map(|v| mesh.point(v));
             let scaled_normal = (x - removed).cross(y - removed);
             let is_in_plane = scaled_normal.dot(kept - removed).abs() <= most * scaled_normal.length();
@@ -459,14 +459,12 @@ fn without_a_trace(mesh: &CollapseMesh, edge: &EdgeContext, candidate: Candidate
             let vanishes = face.x == edge.ends[end] || face.y == edge.ends[end];
             // what is left of a needle would be one, or turned over
             let stays_sound = after.dot(scaled_normal) > 0.0 && after.length() > NEEDLE * longest_sq;
-            is_in_plane && (vanishes || stays_sound)
+            is_in_plane && (vanishes || stays_sound) && place < MOST_FACES
         })
     };
     // the end that the planes prefer, if it is one: they know of borders, too
-    match edge.points.iter().position(|&end| end == candidate.position).filter(|&end| leaves_no_trace(end)) {
-        Some(_) => Candidate { cost: candidate.cost * SHORTNESS, ..candidate },
-        None => candidate,
-    }
+    let is_first = edge.points.iter().position(|&end| end == candidate.position).is_some_and(leaves_no_trace);
+    if is_first { Candidate { cost: candidate.cost * SHORTNESS, ..candidate } } else { candidate }
 }
 
 /// Sine below which what lies in a plane does so exactly, but for rounding in double precision.
@@ -474,6 +472,9 @@ const EXACT: f64 = 1e-12;
 
 /// Sine of the least corner of a triangle that does not count as a needle.
 const NEEDLE: f64 = 1e-3;
+
+/// Vertices of more faces are left to the quadrics: looking at all of them for each edge would take for ever.
+const MOST_FACES: usize = 64;
 
 /// A sum of squares over its weight.
 #[inline]

@@ -177,18 +177,17 @@ pub fn simplify(
         faces.add_pairs(&close);
     }
     let mut features = Features::new(&wedges, &faces, &options);
-    let outcome = control.time("queue", || match (surface_metric, &mut appearance) {
-        _ if generalized.is_some() => {
-            let metric = generalized.as_mut().expect("it has just been seen");
-            collapse_edges(&mut faces, metric, &mut features, &mut wedges, &request, control)
+    let outcome = control.time("queue", || match (surface_metric, &mut appearance, &mut generalized) {
+        (Some(mut metric), ..) => {
+            collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
         }
-        (Some(mut metric), _) => collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control),
-        (None, Some(metric)) => collapse_edges(&mut faces, metric, &mut features, &mut wedges, &request, control),
-        (None, None) if options.metric == MetricKind::LindstromTurk => {
+        (_, Some(metric), _) => collapse_edges(&mut faces, metric, &mut features, &mut wedges, &request, control),
+        (.., Some(metric)) => collapse_edges(&mut faces, metric, &mut features, &mut wedges, &request, control),
+        _ if options.metric == MetricKind::LindstromTurk => {
             let mut metric = LindstromTurk::new(options.placement, options.constraint_weight, has_positions_only);
             collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
         }
-        (None, None) => {
+        _ => {
             let mut metric = ShortestEdge::new(options.placement);
             collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
         }
