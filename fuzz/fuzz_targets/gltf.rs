@@ -1,4 +1,4 @@
-//! glTF and GLB: any bytes give sound meshes or an error.
+//! glTF and GLB: any bytes give sound meshes, which can be posed, or an error.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -11,5 +11,9 @@ fuzz_target!(|bytes: &[u8]| {
             mesh.mesh.check().expect("what is read is sound");
         }
         let _ = asset.merged_positions();
+        for (number, clip) in asset.clips().iter().enumerate().take(4) {
+            let posed = asset.animation(number).instances_at((clip.start() + clip.end()) / 2.0);
+            assert_eq!(posed.len(), asset.instances.len());
+        }
     }
 });

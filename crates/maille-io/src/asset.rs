@@ -4,7 +4,10 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 use glam::{DMat4, DVec3, Vec3};
+use maille::skin::Clip;
 use maille::{Mesh, Semantic};
+
+use crate::Animation;
 
 /// The content of a 3D file.
 ///
@@ -19,6 +22,8 @@ pub struct Asset {
     pub instances: Vec<Instance>,
     /// What was odd in the file but could be read, one sentence each, for the user.
     pub warnings: Vec<String>,
+    /// How the nodes of a glTF move.
+    pub(crate) clips: Arc<[Clip]>,
     /// What is not mesh.
     pub(crate) source: Source,
 }
@@ -32,16 +37,17 @@ pub struct NamedMesh {
     pub mesh: Mesh,
 }
 
-/// One appearance of a mesh; by default of the first one, where it stands.
+/// One appearance of a mesh, posed: those of an asset at rest, those of an [`Animation`] at a time. By default of the first
+/// mesh, where it stands.
 #[derive(Debug, Clone, Default)]
 pub struct Instance {
     /// Index into [`Asset::meshes`].
     pub mesh: usize,
-    /// From the mesh's space to the world's, at rest. Not used when there is a skin.
+    /// From the mesh's space to the world's. Not used when there is a skin.
     pub transform: DMat4,
-    /// With a skin: the matrix of each joint at rest (world matrix times inverse bind matrix).
+    /// With a skin: the matrix of each joint (world matrix times inverse bind matrix).
     pub joint_matrices: Option<Arc<[DMat4]>>,
-    /// How far each morph target of the mesh is on at rest; what is missing is off.
+    /// How far each morph target of the mesh is on; what is missing is off.
     pub morph_weights: Vec<f32>,
 }
 
@@ -101,12 +107,49 @@ impl Asset {
         }
     }
 
+    /// The animations of a glTF, in its order; other formats have none.
+    ///
+    /// The joints of a clip's channels are the nodes of the file. What moves no node (materials, cameras) is not there, and
+    /// neither are channels that are broken: [`warnings`](Self::warnings) tell of them. A clip without a name is called
+    /// after its place: `clip 3` is the fourth.
+    pub fn clips(&self) -> &[Clip] {
+        &self.clips
+    }
+
+    /// A clip, ready to tell where everything is at a time.
+    ///
+    /// # Panics
+    /// If there is no such clip.
+    ///
+    /// # Examples
+    /// ```
+    /// let character = maille_io::sample(maille::samples::Sample::Character, 4000);
+    /// let walk = character.animation(0);
+    /// let step = character.merged_positions_of(&walk.instances_at(0.25 * character.clips()[0].end()));
+    /// assert_eq!(step.triangle_count(), character.triangle_count());
+    /// ```
+    pub fn animation(&self, clip: usize) -> Animation {
+        match &self.source {
+            Source::Gltf(document) => Animation::new(document, self.clips[clip].clone()),
+            _ => panic!("there is no clip {clip}"),
+        }
+    }
+
     /// Everything that is drawn, as one mesh of positions in world space, posed at rest (morphs and skins applied).
     ///
     /// Meant for measuring: attributes are left out, vertices of different instances are not joined.
     pub fn merged_positions(&self) -> Mesh {
+        self.merged_positions_of(&self.instances)
+    }
+
+    /// As [`merged_positions`](Self::merged_positions), for other instances of these meshes, such as those of an
+    /// [`animation`](Self::animation).
+    ///
+    /// # Panics
+    /// If an instance is of a mesh that is not there.
+    pub fn merged_positions_of(&self, instances: &[Instance]) -> Mesh {
         let mut merged = Mesh::default();
-        for instance in &self.instances {
+        for instance in instances {
             let mesh = &self.meshes[instance.mesh].mesh;
             let points = instance.posed_wedges(mesh);
             let first = merged.positions.len() as u32;
@@ -119,12 +162,12 @@ impl Asset {
 }
 
 impl Instance {
-    /// World position of each wedge of the mesh, at rest.
+    /// World position of each wedge of the mesh.
     fn posed_wedges(&self, mesh: &Mesh) -> Vec<DVec3> {
         (0..mesh.wedge_count()).map(|wedge| self.posed_wedge(mesh, wedge)).collect()
     }
 
-    /// World position of a wedge of the mesh, at rest: morphed, then skinned or moved.
+    /// World position of a wedge of the mesh: morphed, then skinned or moved.
     ///
     /// # Panics
     /// If there is no such wedge.
@@ -146,7 +189,7 @@ impl Instance {
         self.joint_matrices.is_none() && self.morph_weights.iter().all(|&weight| weight == 0.0)
     }
 
-    /// From the mesh's space to the world's for one wedge, at rest: with a skin, the mean of its joints by weight.
+    /// From the mesh's space to the world's for one wedge: with a skin, the mean of its joints by weight.
     ///
     /// # Panics
     /// If there is no such wedge.

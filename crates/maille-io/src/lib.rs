@@ -28,6 +28,7 @@ mod wedges;
 pub use asset::{Asset, Instance, NamedMesh};
 pub use error::{Place, ReadError, WriteError};
 pub use format::Format;
+pub use gltf::Animation;
 pub use look::{Look, Texture};
 pub use output::Written;
 pub use process::{AssetOptions, AssetReport, Budget, ProcessError, find_attribute, simplify_asset, world_scales};

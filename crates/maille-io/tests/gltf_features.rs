@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use maille::mesh::{ComponentType, Values, shapes};
 use maille::samples::Character;
-use maille::skin::{Channel, Clip, Joint, Keys, Skeleton};
+use maille::skin::{Channel, Clip, Interpolation, Joint, Keys, Skeleton};
 use maille::{Attribute, Mesh, Semantic};
 use maille_io::{Asset, ReadError, ReadOptions, WriteOptions, read, read_bytes, write};
 use proptest::prelude::*;
@@ -82,6 +82,20 @@ impl File {
         let accessor = self.accessor(component, shape, 4, bytes);
         self.primitive()["attributes"][name] = json!(accessor);
         &mut self.json["accessors"][accessor]
+    }
+
+    /// Gives the first animation a channel.
+    fn channel(&mut self, interpolation: &str, times: &[f32], output: usize, node: usize, path: &str) {
+        let input = self.accessor(FLOAT, "SCALAR", times.len(), &floats(times));
+        if self.json.get("animations").is_none() {
+            self.json["animations"] = json!([{ "channels": [], "samplers": [] }]);
+        }
+        let animation = &mut self.json["animations"][0];
+        let samplers = animation["samplers"].as_array_mut().unwrap();
+        samplers.push(json!({ "input": input, "output": output, "interpolation": interpolation }));
+        let sampler = samplers.len() - 1;
+        let target = json!({ "node": node, "path": path });
+        animation["channels"].as_array_mut().unwrap().push(json!({ "sampler": sampler, "target": target }));
     }
 
     fn glb(&self) -> Vec<u8> {
@@ -673,13 +687,25 @@ fn every_prefix_of_a_glb_is_refused() {
 
 proptest! {
     #[test]
-    fn damaged_bytes_never_panic(place in 0usize..2000, value: u8, draw in 0usize..2) {
-        let file = if draw == 0 { File::square() } else { compressed_square("EXT_meshopt_compression", false) };
+    fn damaged_bytes_never_panic(place in 0usize..4000, value: u8, draw in 0usize..3) {
+        let file = match draw {
+            0 => File::square(),
+            1 => compressed_square("EXT_meshopt_compression", false),
+            _ => {
+                let mut file = arm();
+                let turns = file.accessor(FLOAT, "VEC4", 2, &floats(&[turn_z(0.0), turn_z(1.0)].concat()));
+                file.channel("LINEAR", &[0.0, 1.0], turns, 2, "rotation");
+                file
+            }
+        };
         let mut glb = file.glb();
         let place = place % glb.len();
         glb[place] = value;
         if let Ok(asset) = read_bytes(&glb, None, &ReadOptions { max_bytes: 1 << 24 }) {
             asset.meshes.iter().for_each(|mesh| mesh.mesh.check().unwrap());
+            for clip in 0..asset.clips().len() {
+                prop_assert_eq!(asset.animation(clip).instances_at(0.5).len(), asset.instances.len());
+            }
         }
     }
 }
@@ -763,7 +789,12 @@ fn a_character_is_written_with_skeleton_clips_and_texture() {
         skeleton: Skeleton { joints: vec![joint("root", None, 1.0), joint("tip", Some(0), 0.5)] },
         clips: vec![Clip {
             name: "turn".into(),
-            channels: vec![Channel { joint: 1, times: vec![0.0, 1.0], keys: rotation }],
+            channels: vec![Channel {
+                joint: 1,
+                times: vec![0.0, 1.0],
+                interpolation: Interpolation::Linear,
+                keys: rotation,
+            }],
         }],
         texture_png: Some(b"\x89PNG picture".to_vec()),
     };
@@ -777,6 +808,218 @@ fn a_character_is_written_with_skeleton_clips_and_texture() {
     assert_eq!(json["animations"][0]["channels"][0]["target"], json!({ "node": 2, "path": "rotation" }));
     assert_eq!(json["nodes"][1]["children"], json!([2]));
     assert_eq!(json["skins"][0]["joints"], json!([1, 2]));
+}
+
+/// A square on two joints, the second of which is one unit to the right of the first: the left side hangs on the first, the
+/// right side on the second.
+fn arm() -> File {
+    let mut file = File::square();
+    file.attribute("JOINTS_0", U8, "VEC4", &[[0, 0, 0, 0], [1, 0, 0, 0], [0, 0, 0, 0], [1, 0, 0, 0]].concat());
+    file.attribute("WEIGHTS_0", FLOAT, "VEC4", &floats(&[1.0, 0.0, 0.0, 0.0].repeat(4)));
+    let mut inverses = [0.0; 32];
+    [0, 5, 10, 15, 16, 21, 26, 31].into_iter().for_each(|i| inverses[i] = 1.0);
+    inverses[28] = -1.0;
+    let inverses = file.accessor(FLOAT, "MAT4", 2, &floats(&inverses));
+    file.json["nodes"] =
+        json!([{ "mesh": 0, "skin": 0 }, { "children": [2] }, { "translation": [1, 0, 0], "rotation": [0, 0, 0, 1] }]);
+    file.json["scenes"][0]["nodes"] = json!([0, 1]);
+    file.json["skins"] = json!([{ "joints": [1, 2], "inverseBindMatrices": inverses }]);
+    file
+}
+
+/// Unit quaternion of a turn about z, in radians.
+fn turn_z(angle: f32) -> [f32; 4] {
+    [0.0, 0.0, (angle / 2.0).sin(), (angle / 2.0).cos()]
+}
+
+fn points_at(asset: &Asset, seconds: f64) -> Vec<DVec3> {
+    let posed = asset.merged_positions_of(&asset.animation(0).instances_at(seconds));
+    posed.positions.iter().map(|&p| Vec3::from(p).as_dvec3()).collect()
+}
+
+#[track_caller]
+fn assert_near(points: &[DVec3], expected: &[DVec3]) {
+    assert_eq!(points.len(), expected.len());
+    assert!(points.iter().zip(expected).all(|(a, b)| a.distance(*b) < 1e-6), "{points:?}");
+}
+
+#[test]
+fn an_arm_bends_at_both_joints() {
+    use std::f64::consts::FRAC_PI_2;
+    let mut file = arm();
+    // the shoulder turns by a quarter; the elbow, too, whose keys are given with opposite signs and in 16 bits
+    let shoulder = [turn_z(0.0), turn_z(FRAC_PI_2 as f32)].concat();
+    let shoulder = file.accessor(FLOAT, "VEC4", 2, &floats(&shoulder));
+    file.channel("LINEAR", &[1.0, 3.0], shoulder, 1, "rotation");
+    let elbow = [turn_z(0.0), turn_z(FRAC_PI_2 as f32).map(|x| -x)].concat();
+    let elbow: Vec<u16> = elbow.iter().map(|x| (x * 32767.0).round() as i16 as u16).collect();
+    let elbow = file.accessor(5122, "VEC4", 2, &shorts(&elbow));
+    file.json["accessors"][elbow]["normalized"] = json!(true);
+    file.channel("LINEAR", &[1.0, 3.0], elbow, 2, "rotation");
+    let asset = file.read().unwrap();
+    assert_eq!(asset.warnings, [""; 0]);
+    assert_eq!((asset.clips().len(), asset.clips()[0].name.as_str()), (1, "clip 0"));
+    assert_eq!((asset.clips()[0].start(), asset.clips()[0].end()), (1.0, 3.0));
+    for (seconds, share) in [(-1.0, 0.0), (1.0, 0.0), (1.5, 0.25), (2.0, 0.5), (2.9, 0.95), (3.0, 1.0), (50.0, 1.0)] {
+        let turn = |angle: f64| DVec3::new(angle.cos(), angle.sin(), 0.0);
+        let angle = share * FRAC_PI_2;
+        // of the two vertices of each side one stands on its joint, the other a unit above it
+        let (elbow, up) = (turn(angle), |angle: f64| turn(angle + FRAC_PI_2));
+        let expected = [DVec3::ZERO, elbow, up(angle), elbow + up(2.0 * angle)];
+        let points = points_at(&asset, seconds);
+        assert!(points.iter().zip(expected).all(|(a, b)| a.distance(b) < 5e-5), "{points:?} at {seconds} s");
+    }
+    // half the way is exact whatever the keys' rounding
+    assert!(points_at(&asset, 2.0)[1].distance(DVec3::new(0.5_f64.sqrt(), 0.5_f64.sqrt(), 0.0)) < 1e-6);
+    let again = reread(&touched(asset));
+    assert_eq!((again.clips()[0].end(), again.animation(0).instances_at(2.0).len()), (3.0, 1));
+}
+
+#[test]
+fn every_interpolation_and_property_is_sampled() {
+    let mut file = File::square();
+    let lift = file.accessor(FLOAT, "VEC3", 4, &floats(&[0.0, 0.0, 4.0].repeat(4)));
+    let shift = file.accessor(FLOAT, "VEC3", 4, &floats(&[0.0, 8.0, 0.0].repeat(4)));
+    file.primitive()["targets"] = json!([{ "POSITION": lift }, { "POSITION": shift }]);
+    file.json["meshes"][0]["weights"] = json!([0.0, 0.5]);
+    file.json["nodes"] = json!([{ "mesh": 0, "scale": [1, 2, 1] }]);
+    let corner = |asset: &Asset, seconds| points_at(asset, seconds)[3];
+    // x = t^3: the tangents at 0 and 2 are 0 and 12
+    let cubic = [[0.0; 3], [0.0; 3], [0.0; 3], [12.0, 0.0, 0.0], [8.0, 0.0, 0.0], [12.0, 0.0, 0.0]].concat();
+    let cubic = file.accessor(FLOAT, "VEC3", 6, &floats(&cubic));
+    file.channel("CUBICSPLINE", &[0.0, 2.0], cubic, 0, "translation");
+    assert_eq!(file.read().unwrap().clips()[0].end(), 2.0);
+    for t in [0.0, 0.5, 1.0, 1.75, 2.0] {
+        let expected = DVec3::new(1.0 + t * t * t, 2.0 * 5.0, 0.0);
+        assert!(corner(&file.read().unwrap(), t).distance(expected) < 1e-6);
+    }
+    // scale in steps; of three keys the middle one is sparse over zeros
+    let (indices, value) = (file.view(&[1]), file.view(&floats(&[3.0, 1.0, 1.0])));
+    let sparse = json!({ "count": 1, "indices": { "bufferView": indices, "componentType": U8 }, "values": { "bufferView": value } });
+    let scales = json!({ "componentType": FLOAT, "count": 3, "type": "VEC3", "sparse": sparse });
+    let scales = file.push("accessors", scales);
+    file.channel("STEP", &[0.0, 0.5, 1.5], scales, 0, "scale");
+    let asset = file.read().unwrap();
+    assert_near(&[corner(&asset, 0.25), corner(&asset, 1.0)], &[DVec3::X * 0.015625, DVec3::new(4.0, 5.0, 0.0)]);
+    // weights of both targets in eight bits
+    let weights = file.accessor(U8, "SCALAR", 4, &[0, 0, 255, 51]);
+    file.json["accessors"][weights]["normalized"] = json!(true);
+    file.channel("LINEAR", &[0.0, 2.0], weights, 0, "weights");
+    let asset = file.read().unwrap();
+    assert_eq!(asset.warnings, [""; 0]);
+    assert_near(&[corner(&asset, 1.0)], &[DVec3::new(4.0, 1.0 + 0.1 * 8.0, 0.5 * 4.0)]);
+    assert_eq!(asset.animation(0).instances_at(2.0)[0].morph_weights, [1.0, 0.2]);
+    assert_eq!(asset.instances[0].morph_weights, [0.0, 0.5], "the rest pose stays");
+}
+
+#[test]
+fn a_node_given_by_a_matrix_moves_in_one_part_of_it() {
+    let mut file = File::square();
+    file.json["nodes"] =
+        json!([{ "children": [1] }, { "mesh": 0, "matrix": [2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0, 7, 0, 0, 1] }]);
+    let turn = file.accessor(FLOAT, "VEC4", 1, &floats(&turn_z(std::f32::consts::PI)));
+    file.channel("LINEAR", &[0.0], turn, 1, "rotation");
+    assert_near(&points_at(&file.read().unwrap(), 0.0)[3..], &[DVec3::new(5.0, -2.0, 0.0)]);
+    // flat, it has no rotation left
+    file.json["nodes"][1]["matrix"][0] = json!(0);
+    let asset = file.read().unwrap();
+    assert!(asset.warnings[0].contains("the matrix of node 1"), "{:?}", asset.warnings);
+    assert_near(&points_at(&asset, 0.0)[3..], &[DVec3::new(7.0, 2.0, 0.0)]);
+}
+
+#[test]
+fn broken_channels_are_left_out_with_a_warning() {
+    let animated = || {
+        let mut file = arm();
+        let turns = [turn_z(0.0), turn_z(1.0)].concat();
+        let turns = file.accessor(FLOAT, "VEC4", 2, &floats(&turns));
+        file.channel("LINEAR", &[0.0, 1.0], turns, 2, "rotation");
+        let moves = file.accessor(FLOAT, "VEC3", 2, &floats(&[0.0, 0.0, 0.0, 0.0, 0.0, 3.0]));
+        file.channel("LINEAR", &[0.0, 1.0], moves, 1, "translation");
+        file.json["animations"][0]["name"] = json!("wave");
+        file
+    };
+    let (input, output) = {
+        let sampler = animated().json["animations"][0]["samplers"][0].clone();
+        (sampler["input"].as_u64().unwrap(), sampler["output"].as_u64().unwrap())
+    };
+    let cases = [
+        ("/animations/0/channels/0/sampler".to_owned(), json!(9), "sampler 9 does not exist"),
+        ("/animations/0/channels/0/sampler".to_owned(), json!(-1), "channels[0].sampler"),
+        ("/animations/0/channels/0/target/node".to_owned(), json!(3), "node 3 does not exist"),
+        ("/animations/0/channels/0/target/path".to_owned(), json!("colour"), "unknown path 'colour'"),
+        ("/animations/0/channels/0/target/path".to_owned(), json!("weights"), "no morph targets"),
+        ("/animations/0/channels/0/target/path".to_owned(), json!("scale"), "samplers[0].output"),
+        ("/animations/0/samplers/0/interpolation".to_owned(), json!("BEZIER"), "unknown interpolation 'BEZIER'"),
+        ("/animations/0/samplers/0/interpolation".to_owned(), json!("CUBICSPLINE"), "expected 6 of type VEC4"),
+        ("/animations/0/samplers/0/input".to_owned(), json!(77), "accessor 77 does not exist"),
+        ("/animations/0/samplers/0/input".to_owned(), json!(output), "samplers[0].input"),
+        (format!("/accessors/{input}/count"), json!(1), "expected 1 of type VEC4, found 2"),
+        (format!("/accessors/{input}/count"), json!(0), "samplers[0].input"),
+        (format!("/accessors/{output}/count"), json!(4_000_000_000_u64), "samplers[0].output"),
+    ];
+    let told = |file: &File, what: &str| {
+        let asset = file.read().unwrap_or_else(|error| panic!("{what}: {error}"));
+        let warning = asset.warnings.join("\n");
+        assert!(warning.contains("'wave'") && warning.contains("animations[0].channels[0]"), "{what}: {warning}");
+        // the sound channel still moves
+        assert!(points_at(&asset, 0.5).iter().all(|p| (p.z - 1.5).abs() < 1e-6), "{what}");
+        warning
+    };
+    for (pointer, value, expected) in cases {
+        let mut file = animated();
+        let what = format!("{pointer} = {value}");
+        *file.json.pointer_mut(&pointer).unwrap_or(&mut Value::Null) = value;
+        let warning = told(&file, &what);
+        assert!(warning.contains(expected), "{what}: {warning}");
+    }
+    for (times, expected) in [([1.0, 0.0], "do not ascend"), ([0.0, f32::NAN], "do not ascend")] {
+        let mut file = animated();
+        let view = file.json["accessors"][input as usize]["bufferView"].as_u64().unwrap() as usize;
+        let start = file.json["bufferViews"][view]["byteOffset"].as_u64().unwrap() as usize;
+        file.bytes[start..start + 8].copy_from_slice(&floats(&times));
+        assert!(told(&file, "times").contains(expected));
+    }
+    let mut file = animated();
+    file.json["animations"][0]["channels"] = json!("none");
+    let asset = file.read().unwrap();
+    assert!(asset.warnings[0].contains("expected an array"), "{:?}", asset.warnings);
+    assert_eq!((asset.clips()[0].start(), asset.clips()[0].end()), (0.0, 0.0));
+    assert_eq!(points_at(&asset, 1.0).len(), 4);
+}
+
+#[test]
+fn channels_over_the_same_keys_cannot_ask_for_much_memory() {
+    let mut file = File::square();
+    let keys = file.accessor(FLOAT, "VEC3", 60_000, &vec![0; 720_000]);
+    file.channel("LINEAR", &vec![0.0; 60_000], keys, 0, "translation");
+    let channel = file.json["animations"][0]["channels"][0].clone();
+    file.json["animations"][0]["channels"] = json!(vec![channel; 10_000]);
+    let asset = read_bytes(&file.glb(), None, &ReadOptions { max_bytes: 10 << 20 }).unwrap();
+    assert!(asset.warnings[0].contains("more memory than allowed"), "{:?}", asset.warnings);
+    assert!(asset.clips()[0].channels.len() < 20);
+}
+
+#[test]
+fn the_sample_character_moves_as_its_skeleton_does() {
+    let character = maille::samples::character(4000);
+    let asset = reread(&Asset::from_character("someone", &character));
+    let names: Vec<&str> = asset.clips().iter().map(|clip| clip.name.as_str()).collect();
+    assert_eq!(names, ["walk", "run", "idle"]);
+    let inverse_binds = character.skeleton.inverse_bind_matrices();
+    for (i, clip) in character.clips.iter().enumerate() {
+        let animation = asset.animation(i);
+        assert_eq!(asset.clips()[i].end(), clip.end());
+        for share in [0.0, 0.13, 0.5, 0.77, 1.0] {
+            let seconds = share * clip.end();
+            let worlds = character.skeleton.posed(clip, seconds).world_matrices();
+            let instances = animation.instances_at(seconds);
+            let matrices = instances[0].joint_matrices.as_ref().unwrap();
+            for ((matrix, world), inverse) in matrices.iter().zip(&worlds).zip(&inverse_binds) {
+                assert!(matrix.abs_diff_eq(*world * *inverse, 1e-6), "{} at {seconds} s", clip.name);
+            }
+        }
+    }
 }
 
 #[test]

@@ -2,13 +2,14 @@
 
 use glam::{DMat4, DQuat, Vec3};
 use maille::samples::Character;
-use maille::skin::{Channel, Clip, Joint, Keys};
+use maille::skin::{Channel, Clip, Interpolation, Joint, Keys};
 use serde_json::{Value, json};
 
 use super::accessor::Shape;
 use super::fresh::generator;
 use super::json::Checked;
-use super::{Document, scene};
+use super::scene::Scene;
+use super::{Document, animation};
 use crate::asset::Source;
 use crate::{Asset, NamedMesh};
 
@@ -24,12 +25,15 @@ impl Asset {
     pub fn from_character(name: &str, character: &Character) -> Self {
         let document = document_for(name, character).expect("the views of the document are laid out here");
         let mut unlimited = super::Budget { left: u64::MAX };
-        let instances = scene::instances(&document, &mut unlimited).expect("the joints form a hierarchy");
+        let scene = Scene::new(&document, &mut unlimited).expect("the joints form a hierarchy");
+        let mut warnings = Vec::new();
+        let clips = animation::clips(&document, &scene, &mut unlimited, &mut warnings);
         Self {
             meshes: vec![NamedMesh { name: name.to_owned(), mesh: character.mesh.clone() }],
-            instances,
+            instances: scene.instances(),
+            clips,
+            warnings,
             source: Source::Gltf(std::sync::Arc::new(document)),
-            ..Self::default()
         }
     }
 }
@@ -157,16 +161,24 @@ fn inverse_bind(joints: &[Joint], number: usize) -> [f32; 16] {
 fn animation(clip: &Clip, data: &mut Data) -> Value {
     let mut samplers = Vec::new();
     let mut channels = Vec::new();
-    for Channel { joint, times, keys } in &clip.channels {
+    for Channel { joint, times, interpolation, keys } in &clip.channels {
         let (path, shape, values) = match keys {
             Keys::Translation(keys) => ("translation", Shape::Vec3, keys.as_flattened()),
             Keys::Rotation(keys) => ("rotation", Shape::Vec4, keys.as_flattened()),
             Keys::Scale(keys) => ("scale", Shape::Vec3, keys.as_flattened()),
+            // a character has no morph targets
+            Keys::Weights(_) => continue,
         };
-        assert_eq!(times.len() * shape.components(), values.len(), "clip '{}' has a key for each time", clip.name);
+        let entries = times.len() * interpolation.entries();
+        assert_eq!(entries * shape.components(), values.len(), "clip '{}' has a key for each time", clip.name);
+        let interpolation = match interpolation {
+            Interpolation::Step => "STEP",
+            Interpolation::Linear => "LINEAR",
+            Interpolation::CubicSpline => "CUBICSPLINE",
+        };
         let (input, output) = (data.times(times), data.floats(shape, values, false));
         channels.push(json!({ "sampler": samplers.len(), "target": { "node": FIRST_JOINT + joint, "path": path } }));
-        samplers.push(json!({ "input": input, "output": output, "interpolation": "LINEAR" }));
+        samplers.push(json!({ "input": input, "output": output, "interpolation": interpolation }));
     }
     json!({ "name": clip.name, "channels": channels, "samplers": samplers })
 }

@@ -1,5 +1,7 @@
 //! Checked access to the JSON of a glTF, and faults that know their place in it.
 
+use std::fmt;
+
 use serde_json::Value;
 
 use crate::ReadError;
@@ -28,6 +30,15 @@ impl Fault {
     fn within(mut self, outer: &str) -> Self {
         self.place = if self.place.is_empty() { outer.to_owned() } else { format!("{outer}.{}", self.place) };
         self
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.place.as_str() {
+            "" => f.write_str(&self.message),
+            place => write!(f, "{place}: {}", self.message),
+        }
     }
 }
 

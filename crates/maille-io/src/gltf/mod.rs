@@ -5,11 +5,12 @@
 //! textures, skins, animations, extensions that nobody has heard of) comes out as it went in.
 //!
 //! The way in: [`container`] (GLB, URIs) → [`meshopt`] and [`draco`] (what is compressed becomes plain) →
-//! [`accessor`] → [`primitive`] (meshes) and [`scene`] (where they stand). The way out: [`compose`] (which parts to
+//! [`accessor`] → [`primitive`] (meshes), [`scene`] (where they stand) and [`animation`] (how they move). The way out: [`compose`] (which parts to
 //! replace) → [`encode`] (values to bytes) → [`package`] (one buffer, one file or several). [`fresh`] makes documents
 //! for meshes that come from elsewhere, [`character`] for animated samples.
 
 mod accessor;
+mod animation;
 mod character;
 mod compose;
 mod container;
@@ -32,6 +33,7 @@ use crate::asset::Source;
 use crate::left_out::{count, looks};
 use crate::output::Output;
 use crate::{Asset, NamedMesh, ReadError, ReadOptions, WriteError, WriteOptions};
+pub use animation::Animation;
 use json::{Checked, Fault, Within, extension, index, list, required_index, text};
 
 /// Extensions that Maille understands, or that do not touch the geometry.
@@ -203,8 +205,9 @@ fn asset_of(document: Document, budget: &mut Budget, mut warnings: Vec<String>) 
         warnings.extend(odd.into_iter().map(|odd| format!("meshes[{i}].{odd}")));
         meshes.push(NamedMesh { name: text(json, "name").to_owned(), mesh });
     }
-    let instances = scene::instances(&document, budget)?;
-    Ok(Asset { meshes, instances, warnings, source: Source::Gltf(Arc::new(document)) })
+    let scene = scene::Scene::new(&document, budget)?;
+    let clips = animation::clips(&document, &scene, budget, &mut warnings);
+    Ok(Asset { meshes, instances: scene.instances(), clips, warnings, source: Source::Gltf(Arc::new(document)) })
 }
 
 fn warn_of_unknown(json: &Value, warnings: &mut Vec<String>) {

@@ -1,8 +1,9 @@
-//! Where the meshes stand: nodes, skins, and instancing, at rest.
+//! Where the meshes stand: nodes, skins, and instancing, at rest and posed.
 
 use std::sync::Arc;
 
 use glam::{DMat4, DQuat, DVec3};
+use maille::skin::Property;
 use serde_json::Value;
 
 use super::accessor::{Accessor, Shape};
@@ -10,28 +11,63 @@ use super::json::{Checked, Fault, Within, as_index, extension, index, list, memb
 use super::{Budget, Document};
 use crate::Instance;
 
-/// Every appearance of a mesh in the default scene (the first one if none is named; all nodes if there are no scenes).
-pub(super) fn instances(document: &Document, budget: &mut Budget) -> Checked<Vec<Instance>> {
-    let meshes = document.list("meshes");
-    let nodes = document.list("nodes");
-    if nodes.is_empty() {
-        // a file of meshes only: nothing says where they stand
-        return Ok((0..meshes.len()).map(|mesh| Instance { mesh, ..Instance::default() }).collect());
+/// Everything that says where the meshes of the default scene stand (the first one if none is named; all nodes if there
+/// are no scenes), decoded.
+#[derive(Debug)]
+pub(super) struct Scene {
+    tree: Tree,
+    /// Of each node, at rest.
+    pub(super) locals: Vec<Local>,
+    skins: Vec<Skin>,
+    places: Vec<Place>,
+}
+
+impl Scene {
+    pub(super) fn new(document: &Document, budget: &mut Budget) -> Checked<Self> {
+        let nodes = document.list("nodes");
+        let tree = Tree::new(nodes)?;
+        let local = |(i, node): (usize, &Value)| Local::new(node).within_item("nodes", i);
+        let locals = nodes.iter().enumerate().map(local).collect::<Checked<_>>()?;
+        let skin = |(i, skin): (usize, &Value)| Skin::new(document, skin).within_item("skins", i);
+        let skins: Vec<Skin> = document.list("skins").iter().enumerate().map(skin).collect::<Checked<_>>()?;
+        let mut places = Vec::new();
+        if nodes.is_empty() {
+            // a file of meshes only: nothing says where they stand
+            places.extend((0..document.list("meshes").len()).map(Place::of_mesh));
+        }
+        for node in tree.drawn(document)? {
+            places.extend(Place::new(document, node, skins.len(), budget).within_item("nodes", node)?);
+        }
+        Ok(Self { tree, locals, skins, places })
     }
-    let tree = Tree::new(nodes)?;
-    let world = tree.world_matrices(nodes)?;
-    let skins = document.list("skins").iter().enumerate();
-    let skins = skins.map(|(i, skin)| joint_matrices(document, skin, &world).within_item("skins", i));
-    let skins: Vec<Arc<[DMat4]>> = skins.collect::<Checked<_>>()?;
-    let mut instances = Vec::new();
-    for node in tree.drawn(document)? {
-        let place = instances_at(document, &nodes[node], world[node], &skins, budget).within_item("nodes", node)?;
-        instances.extend(place);
+
+    /// Every appearance of a mesh at rest.
+    pub(super) fn instances(&self) -> Vec<Instance> {
+        self.posed(&self.locals, |_| None)
     }
-    Ok(instances)
+
+    /// Every appearance of a mesh when the nodes stand at `locals`. `weights` gives those of a node's morph targets, where
+    /// they are not those at rest.
+    pub(super) fn posed<'w>(&self, locals: &[Local], weights: impl Fn(usize) -> Option<&'w [f32]>) -> Vec<Instance> {
+        let world = self.tree.world_matrices(locals);
+        let skins: Vec<Arc<[DMat4]>> = self.skins.iter().map(|skin| skin.joint_matrices(&world)).collect();
+        let mut instances = Vec::new();
+        for place in &self.places {
+            let world = place.node.map_or(DMat4::IDENTITY, |node| world[node]);
+            let weights = place.node.and_then(&weights).unwrap_or(&place.morph_weights);
+            instances.extend(place.transforms.iter().map(|local| Instance {
+                mesh: place.mesh,
+                transform: world * *local,
+                joint_matrices: place.skin.map(|skin| skins[skin].clone()),
+                morph_weights: weights.to_vec(),
+            }));
+        }
+        instances
+    }
 }
 
 /// The hierarchy of the nodes, checked to be one.
+#[derive(Debug)]
 struct Tree {
     children: Vec<Vec<usize>>,
     roots: Vec<usize>,
@@ -92,13 +128,13 @@ impl Tree {
         order
     }
 
-    fn world_matrices(&self, nodes: &[Value]) -> Checked<Vec<DMat4>> {
-        let mut world = vec![DMat4::IDENTITY; nodes.len()];
+    fn world_matrices(&self, locals: &[Local]) -> Vec<DMat4> {
+        let mut world = vec![DMat4::IDENTITY; locals.len()];
         for &node in &self.order {
-            let local = local_matrix(&nodes[node]).within_item("nodes", node)?;
+            let local = locals[node].matrix();
             world[node] = self.parents[node].map_or(local, |parent| world[parent] * local);
         }
-        Ok(world)
+        world
     }
 
     /// The nodes of the scene to show.
@@ -124,80 +160,155 @@ impl Tree {
     }
 }
 
-/// A node's own transform: a matrix, or translation, rotation and scale.
-fn local_matrix(node: &Value) -> Checked<DMat4> {
-    if let Some(matrix) = numbers::<16>(node, "matrix")? {
-        return Ok(DMat4::from_cols_array(&matrix));
-    }
-    let translation = numbers::<3>(node, "translation")?.unwrap_or([0.0; 3]);
-    let rotation = numbers::<4>(node, "rotation")?.unwrap_or([0.0, 0.0, 0.0, 1.0]);
-    let scale = numbers::<3>(node, "scale")?.unwrap_or([1.0; 3]);
-    Ok(compose(translation.into(), DQuat::from_array(rotation), scale.into()))
+/// A node's own transform.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Local {
+    Matrix(DMat4),
+    Parts(Parts),
 }
 
-fn compose(translation: DVec3, rotation: DQuat, scale: DVec3) -> DMat4 {
-    let rotation = if rotation.length_squared() > 0.0 { rotation.normalize() } else { DQuat::IDENTITY };
-    DMat4::from_scale_rotation_translation(scale, rotation, translation)
+/// First scaled, then rotated, then moved.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Parts {
+    translation: DVec3,
+    rotation: DQuat,
+    scale: DVec3,
+}
+
+impl Local {
+    fn new(node: &Value) -> Checked<Self> {
+        if let Some(matrix) = numbers::<16>(node, "matrix")? {
+            return Ok(Self::Matrix(DMat4::from_cols_array(&matrix)));
+        }
+        let translation = numbers::<3>(node, "translation")?.unwrap_or([0.0; 3]);
+        let rotation = numbers::<4>(node, "rotation")?.unwrap_or([0.0, 0.0, 0.0, 1.0]);
+        let scale = numbers::<3>(node, "scale")?.unwrap_or([1.0; 3]);
+        let rotation = DQuat::from_array(rotation);
+        Ok(Self::Parts(Parts { translation: translation.into(), rotation, scale: scale.into() }))
+    }
+
+    fn matrix(&self) -> DMat4 {
+        match self {
+            Self::Matrix(matrix) => *matrix,
+            Self::Parts(parts) => parts.matrix(),
+        }
+    }
+
+    /// The same but for one property, as far as there are parts.
+    pub(super) fn with(self, property: &Property) -> Self {
+        let Some(mut parts) = self.parts() else { return self };
+        match property {
+            Property::Translation(translation) => parts.translation = *translation,
+            Property::Rotation(rotation) => parts.rotation = *rotation,
+            Property::Scale(scale) => parts.scale = *scale,
+            Property::Weights(_) => {}
+        }
+        Self::Parts(parts)
+    }
+
+    /// Translation, rotation and scale; `None` for a matrix that has none.
+    pub(super) fn parts(&self) -> Option<Parts> {
+        match self {
+            Self::Parts(parts) => Some(*parts),
+            Self::Matrix(matrix) => {
+                let (scale, rotation, translation) = matrix.to_scale_rotation_translation();
+                let is_whole = scale.is_finite() && rotation.is_finite() && translation.is_finite();
+                is_whole.then_some(Parts { translation, rotation, scale })
+            }
+        }
+    }
+}
+
+impl Parts {
+    fn matrix(&self) -> DMat4 {
+        let Self { translation, rotation, scale } = *self;
+        let rotation = if rotation.length_squared() > 0.0 { rotation.normalize() } else { DQuat::IDENTITY };
+        DMat4::from_scale_rotation_translation(scale, rotation, translation)
+    }
 }
 
 /// The appearances of the mesh of one node: one, or as many as its instancing extension says.
-fn instances_at(
-    document: &Document,
-    node: &Value,
-    world: DMat4,
-    skins: &[Arc<[DMat4]>],
-    budget: &mut Budget,
-) -> Checked<Vec<Instance>> {
-    let meshes = document.list("meshes");
-    let Some(mesh) = index(node, "mesh")? else { return Ok(Vec::new()) };
-    let Some(json) = meshes.get(mesh) else {
-        return Err(Fault::new(format!("mesh {mesh} does not exist; there are {}", meshes.len()))).within("mesh");
-    };
-    let own = number_list(node, "weights")?;
-    let weights = if own.is_empty() { number_list(json, "weights").within_item("meshes", mesh)? } else { own };
-    let joint_matrices = match index(node, "skin")? {
-        Some(skin) => {
-            let missing = || Fault::new(format!("skin {skin} does not exist; there are {}", skins.len()));
-            Some(skins.get(skin).cloned().ok_or_else(missing).within("skin")?)
-        }
-        None => None,
-    };
-    let morph_weights: Vec<f32> = weights.into_iter().map(|weight| weight as f32).collect();
-    let each = size_of::<Instance>() + size_of_val(morph_weights.as_slice());
-    let transforms = match extension(node, "EXT_mesh_gpu_instancing") {
-        Some(extension) => instance_matrices(document, extension, each, budget)
-            .within("EXT_mesh_gpu_instancing")
-            .within("extensions")?,
-        None => vec![DMat4::IDENTITY],
-    };
-    let instance = |local: DMat4| Instance {
-        mesh,
-        transform: world * local,
-        joint_matrices: joint_matrices.clone(),
-        morph_weights: morph_weights.clone(),
-    };
-    Ok(transforms.into_iter().map(instance).collect())
+#[derive(Debug)]
+struct Place {
+    /// `None` in a file without nodes.
+    node: Option<usize>,
+    mesh: usize,
+    skin: Option<usize>,
+    /// At rest.
+    morph_weights: Vec<f32>,
+    /// Of each appearance, within the node.
+    transforms: Vec<DMat4>,
 }
 
-/// World matrix of each joint times its inverse bind matrix.
-fn joint_matrices(document: &Document, skin: &Value, world: &[DMat4]) -> Checked<Arc<[DMat4]>> {
-    let joint = |(at, joint): (usize, &Value)| {
-        let node = as_index(joint)?;
-        let matrix = world.get(node).ok_or_else(|| Fault::new(format!("node {node} does not exist")));
-        matrix.copied().within_item("joints", at)
-    };
-    let joints: Arc<[DMat4]> = list(skin, "joints")?.iter().enumerate().map(joint).collect::<Checked<_>>()?;
-    let Some(number) = index(skin, "inverseBindMatrices")? else { return Ok(joints) };
-    let inverses = || {
-        let accessor = Accessor::new(document, number)?;
-        if accessor.layout.shape != Shape::Mat4 || accessor.count < joints.len() {
-            return Err(Fault::new(format!("expected {} matrices", joints.len())));
+impl Place {
+    fn of_mesh(mesh: usize) -> Self {
+        Self { node: None, mesh, skin: None, morph_weights: Vec::new(), transforms: vec![DMat4::IDENTITY] }
+    }
+
+    /// `None` for a node without a mesh.
+    fn new(document: &Document, number: usize, skins: usize, budget: &mut Budget) -> Checked<Option<Self>> {
+        let (node, meshes) = (&document.list("nodes")[number], document.list("meshes"));
+        let Some(mesh) = index(node, "mesh")? else { return Ok(None) };
+        let Some(json) = meshes.get(mesh) else {
+            return Err(Fault::new(format!("mesh {mesh} does not exist; there are {}", meshes.len()))).within("mesh");
+        };
+        let own = number_list(node, "weights")?;
+        let weights = if own.is_empty() { number_list(json, "weights").within_item("meshes", mesh)? } else { own };
+        let skin = index(node, "skin")?;
+        if let Some(skin) = skin.filter(|&skin| skin >= skins) {
+            return Err(Fault::new(format!("skin {skin} does not exist; there are {skins}"))).within("skin");
         }
-        let values = accessor.floats(None);
-        Ok(values.as_chunks::<16>().0.iter().map(|m| DMat4::from_cols_array(&m.map(f64::from))).collect::<Vec<_>>())
-    };
-    let inverses = inverses().within("inverseBindMatrices")?;
-    Ok(joints.iter().zip(inverses).map(|(&joint, inverse)| joint * inverse).collect())
+        let morph_weights: Vec<f32> = weights.into_iter().map(|weight| weight as f32).collect();
+        let each = size_of::<Instance>() + size_of_val(morph_weights.as_slice());
+        let transforms = match extension(node, "EXT_mesh_gpu_instancing") {
+            Some(extension) => instance_matrices(document, extension, each, budget)
+                .within("EXT_mesh_gpu_instancing")
+                .within("extensions")?,
+            None => vec![DMat4::IDENTITY],
+        };
+        Ok(Some(Self { node: Some(number), mesh, skin, morph_weights, transforms }))
+    }
+}
+
+#[derive(Debug)]
+struct Skin {
+    joints: Vec<usize>,
+    /// From the mesh's space to each joint's; none: they are the same.
+    inverse_binds: Vec<DMat4>,
+}
+
+impl Skin {
+    fn new(document: &Document, skin: &Value) -> Checked<Self> {
+        let nodes = document.list("nodes").len();
+        let joint = |(at, joint): (usize, &Value)| {
+            let node = as_index(joint)?;
+            let exists = if node < nodes { Ok(node) } else { Err(Fault::new(format!("node {node} does not exist"))) };
+            exists.within_item("joints", at)
+        };
+        let joints: Vec<usize> = list(skin, "joints")?.iter().enumerate().map(joint).collect::<Checked<_>>()?;
+        let Some(number) = index(skin, "inverseBindMatrices")? else {
+            return Ok(Self { joints, inverse_binds: Vec::new() });
+        };
+        let inverses = || {
+            let accessor = Accessor::new(document, number)?;
+            if accessor.layout.shape != Shape::Mat4 || accessor.count < joints.len() {
+                return Err(Fault::new(format!("expected {} matrices", joints.len())));
+            }
+            let values = accessor.floats(None);
+            Ok(values.as_chunks::<16>().0.iter().map(|m| DMat4::from_cols_array(&m.map(f64::from))).collect())
+        };
+        let inverse_binds = inverses().within("inverseBindMatrices")?;
+        Ok(Self { joints, inverse_binds })
+    }
+
+    /// World matrix of each joint times its inverse bind matrix.
+    fn joint_matrices(&self, world: &[DMat4]) -> Arc<[DMat4]> {
+        let matrix = |(i, &joint): (usize, &usize)| match self.inverse_binds.get(i) {
+            Some(inverse) => world[joint] * *inverse,
+            None => world[joint],
+        };
+        self.joints.iter().enumerate().map(matrix).collect()
+    }
 }
 
 /// The local transforms of `EXT_mesh_gpu_instancing`; `each` instance will take so many bytes.
@@ -227,5 +338,10 @@ fn instance_matrices(document: &Document, extension: &Value, each: usize, budget
         None => DQuat::IDENTITY,
     };
     let count = count.unwrap_or(0);
-    Ok((0..count).map(|i| compose(vector(&translations, i, 0.0), rotation(i), vector(&scales, i, 1.0))).collect())
+    let parts = |i: usize| Parts {
+        translation: vector(&translations, i, 0.0),
+        rotation: rotation(i),
+        scale: vector(&scales, i, 1.0),
+    };
+    Ok((0..count).map(|i| parts(i).matrix()).collect())
 }

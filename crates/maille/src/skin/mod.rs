@@ -4,7 +4,7 @@
 //! space; a mesh refers to joints by index in its [`Joints`](crate::Semantic::Joints) attributes. What moves is computed
 //! in double precision.
 
-use glam::{DMat4, DQuat, DVec3, Quat, Vec3};
+use glam::{DMat4, DQuat, DVec3};
 
 /// A hierarchy of joints.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -37,15 +37,37 @@ pub struct Clip {
     pub channels: Vec<Channel>,
 }
 
-/// One property of one joint over time, interpolated linearly (rotations: on the shortest arc).
+/// One property of one joint over time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Channel {
     /// Index of the joint.
     pub joint: usize,
     /// Times of the keys in seconds, ascending.
     pub times: Vec<f32>,
+    /// The way from each key to the next.
+    pub interpolation: Interpolation,
     /// The property at each time.
     pub keys: Keys,
+}
+
+/// The way from a key to the next one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Interpolation {
+    /// Each key holds until the next one.
+    Step,
+    /// A straight line; for rotations the shortest arc, at constant speed.
+    #[default]
+    Linear,
+    /// A cubic Hermite spline. To each time belong three entries of the keys: the tangent at which the curve arrives (per
+    /// second), the value, and the tangent at which it leaves. Rotations are made unit afterwards.
+    CubicSpline,
+}
+
+impl Interpolation {
+    /// Entries of the keys that belong to one time.
+    pub fn entries(self) -> usize {
+        if self == Self::CubicSpline { 3 } else { 1 }
+    }
 }
 
 /// Values of an animated property, in place of those at rest.
@@ -57,6 +79,22 @@ pub enum Keys {
     Rotation(Vec<[f32; 4]>),
     /// As [`Joint::scale`].
     Scale(Vec<[f32; 3]>),
+    /// How far each morph target is on, of the mesh that hangs on the joint; all targets of the first entry, then all of
+    /// the second.
+    Weights(Vec<f32>),
+}
+
+/// An animated property at one time.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Property {
+    /// As [`Joint::translation`].
+    Translation(DVec3),
+    /// As [`Joint::rotation`], of unit length.
+    Rotation(DQuat),
+    /// As [`Joint::scale`].
+    Scale(DVec3),
+    /// Of each morph target.
+    Weights(Vec<f64>),
 }
 
 impl Default for Joint {
@@ -118,19 +156,16 @@ impl Skeleton {
     /// # Panics
     /// If a channel names a joint that does not exist or has another number of keys than of times.
     #[must_use]
-    pub fn posed(&self, clip: &Clip, seconds: f32) -> Self {
+    pub fn posed(&self, clip: &Clip, seconds: f64) -> Self {
         let mut posed = self.clone();
-        for channel in clip.channels.iter().filter(|channel| !channel.times.is_empty()) {
+        for channel in &clip.channels {
             let joint = &mut posed.joints[channel.joint];
-            let (low, high, t) = channel.between(seconds);
-            let linear = |keys: &[[f32; 3]]| Vec3::from(keys[low]).lerp(Vec3::from(keys[high]), t).to_array();
-            match &channel.keys {
-                Keys::Translation(keys) => joint.translation = linear(keys),
-                Keys::Scale(keys) => joint.scale = linear(keys),
-                Keys::Rotation(keys) => {
-                    let [from, to] = [low, high].map(|key| Quat::from_array(keys[key]));
-                    joint.rotation = from.slerp(to, t).to_array();
-                }
+            match channel.at(seconds) {
+                Some(Property::Translation(at)) => joint.translation = at.as_vec3().to_array(),
+                Some(Property::Rotation(at)) => joint.rotation = at.as_quat().to_array(),
+                Some(Property::Scale(at)) => joint.scale = at.as_vec3().to_array(),
+                // a skeleton has no meshes
+                Some(Property::Weights(_)) | None => {}
             }
         }
         posed
@@ -138,26 +173,97 @@ impl Skeleton {
 }
 
 impl Clip {
+    /// Time of the first key, in seconds; 0 without keys.
+    pub fn start(&self) -> f64 {
+        self.channels.iter().filter_map(|channel| channel.times.first()).copied().reduce(f32::min).unwrap_or(0.0).into()
+    }
+
     /// Time of the last key, in seconds; 0 without keys.
-    pub fn duration(&self) -> f32 {
-        self.channels.iter().filter_map(|channel| channel.times.last()).fold(0.0, |last, &time| last.max(time))
+    pub fn end(&self) -> f64 {
+        self.channels.iter().filter_map(|channel| channel.times.last()).copied().reduce(f32::max).unwrap_or(0.0).into()
     }
 }
 
 impl Channel {
-    /// The keys before and after a time, and the share of the way from one to the other.
-    fn between(&self, seconds: f32) -> (usize, usize, f32) {
-        let last = self.times.len() - 1;
-        let high = self.times.partition_point(|&time| time <= seconds).clamp(1.min(last), last);
-        let low = high.saturating_sub(1);
-        let span = self.times[high] - self.times[low];
-        let t = if span > 0.0 { ((seconds - self.times[low]) / span).clamp(0.0, 1.0) } else { 0.0 };
-        (low, high, t)
+    /// The property at a time; before the first key and after the last one, those hold. `None` without keys.
+    ///
+    /// # Panics
+    /// If there are fewer keys than times.
+    pub fn at(&self, seconds: f64) -> Option<Property> {
+        let moment = self.moment(seconds)?;
+        Some(match &self.keys {
+            Keys::Translation(keys) => Property::Translation(self.vector(keys, &moment)),
+            Keys::Scale(keys) => Property::Scale(self.vector(keys, &moment)),
+            Keys::Rotation(keys) => Property::Rotation(self.rotation(keys, &moment)),
+            Keys::Weights(keys) => {
+                let targets = keys.len() / (self.times.len() * self.interpolation.entries());
+                let weight = |target| self.number(&moment, |entry| keys[entry * targets + target]);
+                Property::Weights((0..targets).map(weight).collect())
+            }
+        })
     }
+
+    fn moment(&self, seconds: f64) -> Option<Moment> {
+        let last = self.times.len().checked_sub(1)?;
+        let passed = self.times.partition_point(|&time| f64::from(time) <= seconds);
+        let (low, high) = (passed.saturating_sub(1), passed.min(last));
+        let span = f64::from(self.times[high]) - f64::from(self.times[low]);
+        let share = if span > 0.0 { (seconds - f64::from(self.times[low])) / span } else { 0.0 };
+        Some(Moment { low, high, span, share })
+    }
+
+    fn vector(&self, keys: &[[f32; 3]], moment: &Moment) -> DVec3 {
+        DVec3::from([0, 1, 2].map(|axis| self.number(moment, |entry| keys[entry][axis])))
+    }
+
+    fn rotation(&self, keys: &[[f32; 4]], moment: &Moment) -> DQuat {
+        // keys of few bits miss unit length by their rounding
+        let unit = |q: [f64; 4]| normalized(DQuat::from_array(q));
+        match self.interpolation {
+            Interpolation::Linear => {
+                let [from, to] = [moment.low, moment.high].map(|key| unit(keys[key].map(f64::from)));
+                from.slerp(to, moment.share)
+            }
+            _ => unit([0, 1, 2, 3].map(|axis| self.number(moment, |entry| keys[entry][axis]))),
+        }
+    }
+
+    /// One number of the property, by its entries in the keys.
+    fn number(&self, moment: &Moment, entry: impl Fn(usize) -> f32) -> f64 {
+        let &Moment { low, high, span, share: t } = moment;
+        let entry = |number: usize| f64::from(entry(number));
+        match self.interpolation {
+            Interpolation::Step => entry(low),
+            Interpolation::Linear => (1.0 - t) * entry(low) + t * entry(high),
+            Interpolation::CubicSpline => {
+                let (leaving, arriving) = (span * entry(3 * low + 2), span * entry(3 * high));
+                let near_low = (1.0 - t) * (1.0 - t) * ((1.0 + 2.0 * t) * entry(3 * low + 1) + t * leaving);
+                near_low + t * t * ((3.0 - 2.0 * t) * entry(3 * high + 1) - (1.0 - t) * arriving)
+            }
+        }
+    }
+}
+
+/// Where a time lies among the keys.
+struct Moment {
+    /// The last key that is not after the time, and the next one; the same outside the keys.
+    low: usize,
+    high: usize,
+    /// Seconds from one to the other.
+    span: f64,
+    /// Share of the way that has passed.
+    share: f64,
+}
+
+/// The unit quaternion of a rotation; none for one without direction.
+fn normalized(rotation: DQuat) -> DQuat {
+    if rotation.length_squared() > 0.0 { rotation.normalize() } else { DQuat::IDENTITY }
 }
 
 #[cfg(test)]
 mod tests {
+    use glam::Quat;
+
     use super::*;
 
     fn arm() -> Skeleton {
@@ -168,7 +274,11 @@ mod tests {
 
     fn turn(times: &[f32], angles: &[f32]) -> Clip {
         let keys = Keys::Rotation(angles.iter().map(|&a| Quat::from_rotation_z(a).to_array()).collect());
-        Clip { name: "turn".into(), channels: vec![Channel { joint: 1, times: times.to_vec(), keys }] }
+        Clip { name: "turn".into(), channels: vec![channel(times, Interpolation::Linear, keys)] }
+    }
+
+    fn channel(times: &[f32], interpolation: Interpolation, keys: Keys) -> Channel {
+        Channel { joint: 1, times: times.to_vec(), interpolation, keys }
     }
 
     #[test]
@@ -214,6 +324,65 @@ mod tests {
     fn one_key_holds_for_ever() {
         let clip = turn(&[0.5], &[0.3]);
         assert_eq!(arm().posed(&clip, 0.0), arm().posed(&clip, 7.0));
-        assert_eq!(clip.duration(), 0.5);
+        assert_eq!((clip.start(), clip.end()), (0.5, 0.5));
+    }
+
+    #[test]
+    fn steps_hold_until_the_next_key() {
+        let keys = Keys::Scale(vec![[1.0; 3], [2.0; 3], [3.0; 3]]);
+        let channel = channel(&[1.0, 2.0, 3.0], Interpolation::Step, keys);
+        let at = |seconds| channel.at(seconds);
+        for (seconds, scale) in [(0.0, 1.0), (1.9, 1.0), (2.0, 2.0), (2.9, 2.0), (3.0, 3.0), (9.0, 3.0)] {
+            assert_eq!(at(seconds), Some(Property::Scale(DVec3::splat(scale))), "at {seconds} s");
+        }
+    }
+
+    #[test]
+    fn a_cubic_spline_is_exact_for_cubics() {
+        // x = t^3 - 2 t, with its derivative, at keys that are unevenly apart
+        let times = [0.0, 0.5, 2.0_f32];
+        let (x, slope) = (|t: f32| t * t * t - 2.0 * t, |t: f32| 3.0 * t * t - 2.0);
+        let entries: Vec<[f32; 3]> = times.iter().flat_map(|&t| [slope(t), x(t), slope(t)].map(|v| [v; 3])).collect();
+        let moving = channel(&times, Interpolation::CubicSpline, Keys::Translation(entries.clone()));
+        let weights = entries.iter().flat_map(|&[v, ..]| [v, 2.0 * v]).collect();
+        let morphing = channel(&times, Interpolation::CubicSpline, Keys::Weights(weights));
+        for i in 0..=20 {
+            let t = f64::from(i) / 10.0;
+            let expected = t * t * t - 2.0 * t;
+            let (Some(Property::Translation(at)), Some(Property::Weights(on))) = (moving.at(t), morphing.at(t)) else {
+                panic!("the properties are not those of the keys");
+            };
+            assert!((at - DVec3::splat(expected)).length() < 1e-12, "{at} at {t} s");
+            assert!((on[0] - expected).abs() < 1e-12 && (on[1] - 2.0 * expected).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn rotations_are_unit_whatever_the_keys_are() {
+        let lengths = |interpolation, keys| {
+            let channel = channel(&[0.0, 1.0], interpolation, Keys::Rotation(keys));
+            let length = |i| match channel.at(f64::from(i) / 4.0) {
+                Some(Property::Rotation(rotation)) => rotation.length(),
+                _ => f64::NAN,
+            };
+            (0..=4).map(length).collect::<Vec<f64>>()
+        };
+        let quarter = [[0.0; 4], [0.0, 0.0, 0.0, 2.0], [0.0; 4], [0.0; 4], [0.0, 3.0, 0.0, 0.0], [0.0; 4]];
+        for lengths in [
+            lengths(Interpolation::CubicSpline, quarter.to_vec()),
+            lengths(Interpolation::Linear, vec![quarter[1], quarter[4]]),
+            lengths(Interpolation::Step, vec![quarter[1], [0.0; 4]]),
+        ] {
+            assert!(lengths.iter().all(|length| (length - 1.0).abs() < 1e-12), "{lengths:?}");
+        }
+    }
+
+    #[test]
+    fn keys_at_equal_times_are_a_jump() {
+        let keys = Keys::Translation(vec![[0.0; 3], [1.0; 3], [5.0; 3], [6.0; 3]]);
+        let channel = channel(&[0.0, 1.0, 1.0, 2.0], Interpolation::Linear, keys);
+        assert_eq!(channel.at(0.5), Some(Property::Translation(DVec3::splat(0.5))));
+        assert_eq!(channel.at(1.0), Some(Property::Translation(DVec3::splat(5.0))));
+        assert_eq!(Channel { times: vec![], ..channel }.at(1.0), None);
     }
 }

@@ -8,7 +8,7 @@ use glam::{Quat, Vec3};
 
 use super::rig;
 use crate::samples::noise::turn;
-use crate::skin::{Channel, Clip, Keys, Skeleton};
+use crate::skin::{Channel, Clip, Interpolation, Keys, Skeleton};
 
 /// Keys to a cycle; one more closes it.
 const KEYS: usize = 32;
@@ -107,11 +107,12 @@ fn clip(name: &str, seconds: f32, skeleton: &Skeleton, stance: impl Fn(f32) -> S
     stances.push(stance(0.0));
     let times: Vec<f32> = (0..=KEYS).map(|key| seconds * key as f32 / KEYS as f32).collect();
     let hips = Keys::Translation(stances.iter().map(|stance| stance.hips.to_array()).collect());
-    let mut channels = vec![Channel { joint: rig::joint("hips"), times: times.clone(), keys: hips }];
+    let channel = |joint, keys| Channel { joint, times: times.clone(), interpolation: Interpolation::Linear, keys };
+    let mut channels = vec![channel(rig::joint("hips"), hips)];
     for joint in 0..skeleton.joints.len() {
         let rotations: Vec<[f32; 4]> = stances.iter().map(|stance| stance.rotations[joint].to_array()).collect();
         if rotations.iter().any(|rotation| *rotation != Quat::IDENTITY.to_array()) {
-            channels.push(Channel { joint, times: times.clone(), keys: Keys::Rotation(rotations) });
+            channels.push(channel(joint, Keys::Rotation(rotations)));
         }
     }
     Clip { name: name.to_owned(), channels }
