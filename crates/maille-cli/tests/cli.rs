@@ -172,6 +172,119 @@ fn an_exact_comparison_proves_the_maximum() {
     assert_eq!(folder.run(&["compare", "a.ply", "b.ply", "--tolerance", "1%"]).code, 2);
 }
 
+/// A folder with the sample character in it.
+fn with_character(name: &str) -> Folder {
+    let folder = Folder::new();
+    folder.done(&["sample", "character", "-o", name, "--triangles", "4000"]);
+    folder
+}
+
+#[test]
+fn an_animated_comparison_goes_over_all_clips() {
+    let folder = with_character("a.glb");
+    folder.done(&["simplify", "a.glb", "-o", "b.glb", "--ratio", "20%"]);
+    let number = |value: &serde_json::Value| value.as_f64().unwrap_or(f64::NAN);
+    let command = ["compare", "a.glb", "b.glb", "--animated", "--samples", "4000"];
+    let told = folder.json(&[&command[..], &["--frames", "3"]].concat());
+    let clips = told["clips"].as_array().expect("there are clips");
+    assert_eq!(clips.iter().filter_map(|clip| clip["name"].as_str()).collect::<Vec<_>>(), ["walk", "run", "idle"]);
+    let mut all = Vec::new();
+    for clip in clips {
+        let frames = clip["frames"].as_array().expect("there are frames");
+        let of = |key: &str| frames.iter().map(|frame| number(&frame[key])).collect::<Vec<f64>>();
+        let third = number(&clip["end"]) / 3.0;
+        assert!(of("seconds").iter().zip([0.5, 1.5, 2.5]).all(|(at, part)| (at - part * third).abs() < 1e-6), "{clip}");
+        let mean_square = of("rms").iter().map(|rms| rms * rms).sum::<f64>() / 3.0;
+        assert!((number(&clip["rms"]) - mean_square.sqrt()).abs() < 1e-12);
+        assert_eq!(number(&clip["max"]), of("max").into_iter().fold(0.0, f64::max));
+        all.extend(frames);
+    }
+    let largest = |key: &str| all.iter().map(|frame| number(&frame[key])).fold(0.0, f64::max);
+    assert_eq!((number(&told["worst"]["rms"]), number(&told["max"])), (largest("rms"), largest("max")));
+    assert!(all.iter().any(|frame| frame["seconds"] == told["worst"]["seconds"]), "{told}");
+    for pose in all.iter().copied().chain([&told["rest"]]) {
+        assert!(number(&pose["rms"]) > 0.0 && number(&pose["max"]) < 0.2, "{pose}");
+        let share = number(&pose["rms"]) / number(&pose["diagonal"]);
+        assert!((number(&pose["rms_of_diagonal"]) - share).abs() < 1e-12);
+    }
+    let at_rest = folder.json(&["compare", "a.glb", "b.glb", "--samples", "4000"]);
+    assert!((number(&told["rest"]["rms"]) / number(&at_rest["rms"]) - 1.0).abs() < 1e-3, "{at_rest}");
+
+    let text = folder.done(&command).stdout;
+    for wanted in ["(at rest)", "walk", "(all frames)", "worst frame", " s: RMS ", "4 000 points"] {
+        assert!(text.contains(wanted), "{wanted} is missing: {text}");
+    }
+    let line = |name: &str| text.lines().find(|line| line.starts_with(name)).unwrap_or_default().to_owned();
+    assert!(line("walk").contains(" 8 ") && line("(all").contains(" 24 "), "24 frames over three clips: {text}");
+
+    let mut one = folder.json(&[&command[..], &["--frames", "2", "--threads", "1"]].concat());
+    one["threads"] = 3.into();
+    assert_eq!(one, folder.json(&[&command[..], &["--frames", "2", "--threads", "3"]].concat()));
+}
+
+#[test]
+fn an_animated_comparison_sees_what_the_rest_pose_hides() {
+    let folder = with_character("a.glb");
+    let number = |value: &serde_json::Value| value.as_f64().unwrap_or(f64::NAN);
+    let command = ["compare", "a.glb", "b.glb", "--animated", "--samples", "2000", "--frames", "2"];
+    std::fs::copy(folder.path("a.glb"), folder.path("b.glb")).expect("the file can be copied");
+    let same = folder.json(&command);
+    assert!(number(&same["max"]) < 1e-9 && number(&same["rest"]["max"]) < 1e-9, "{same}");
+    // all hangs on one joint: nothing changes at rest
+    let mut stiff = maille_io::read(&folder.path("a.glb"), &maille_io::ReadOptions::default()).expect("it can be read");
+    for attribute in &mut stiff.meshes[0].mesh.wedge_attributes {
+        if let (maille::Semantic::Joints(_), maille::mesh::Values::U32(joints)) =
+            (&attribute.semantic, &mut attribute.values)
+        {
+            joints.fill(0);
+        }
+    }
+    maille_io::write(&stiff, &folder.path("b.glb"), &WriteOptions::default()).expect("it can be written");
+    let told = folder.json(&command);
+    assert!(number(&told["rest"]["max"]) < 1e-5, "{}", told["rest"]);
+    assert!(told["clips"].as_array().is_some_and(|clips| clips.iter().all(|clip| number(&clip["rms"]) > 0.01)));
+    // arms and legs go a long way
+    assert!(number(&told["farthest"]["max"]) > 0.2 && told["farthest"]["clip"] == "run", "{}", told["farthest"]);
+}
+
+#[test]
+fn clips_that_are_missing_or_do_not_match_are_told() {
+    let folder = with_character("a.glb");
+    folder.done(&["sample", "vase", "-o", "still.glb", "--triangles", "1000"]);
+    folder.done(&["convert", "a.glb", "-o", "a.ply"]);
+    let run = folder.refused(&["compare", "a.glb", "still.glb", "--animated"], "still.glb");
+    assert!(run.stderr.contains("no animation clips") && run.stderr.contains("without --animated"), "{}", run.stderr);
+    let run = folder.refused(&["compare", "a.ply", "a.glb", "--animated", "--report", "r.html"], "a.ply");
+    assert!(run.stderr.contains("only glTF and GLB"), "{}", run.stderr);
+
+    let mut character = maille::samples::character(4000);
+    let write = |character: &maille::samples::Character| {
+        let asset = Asset::from_character("b", character);
+        maille_io::write(&asset, &folder.path("b.glb"), &WriteOptions::default()).expect("it can be written");
+    };
+    character.clips.truncate(2);
+    character.clips[0].name = "stroll".to_owned();
+    write(&character);
+    let command = ["compare", "a.glb", "b.glb", "--animated", "--samples", "1000", "--frames", "1"];
+    let run = folder.done(&command);
+    assert!(run.stderr.contains("'walk' of A is compared with 'stroll' of B"), "{}", run.stderr);
+    assert!(run.stderr.contains("only A has the clips 'idle'"), "{}", run.stderr);
+    for channel in &mut character.clips[1].channels {
+        channel.times.iter_mut().for_each(|time| *time *= 2.0);
+    }
+    write(&character);
+    let run = folder.done(&command);
+    assert!(run.stderr.contains("'run' goes from 0 to 0.7 s in A and 0 to 1.4 s in B"), "{}", run.stderr);
+    character.clips.remove(0);
+    character.clips[0].name = "sprint".to_owned();
+    write(&character);
+    let run = folder.refused(&command, "a.glb");
+    assert!(run.stderr.contains("'walk', 'run', 'idle'") && run.stderr.contains("'sprint'"), "{}", run.stderr);
+    for wrong in [&["--frames", "3"][..], &["--report", "r.html"], &["--animated", "--exact"]] {
+        assert_eq!(folder.run(&[&["compare", "a.glb", "a.glb"][..], wrong].concat()).code, 2, "{wrong:?}");
+    }
+}
+
 #[test]
 fn a_certified_error_holds_when_it_is_measured() {
     let folder = Folder::new();

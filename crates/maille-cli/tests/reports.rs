@@ -225,6 +225,26 @@ fn what_is_compared_can_be_chosen() {
 }
 
 #[test]
+fn errors_over_time_are_plotted() {
+    let folder = Folder::new();
+    folder.done(&["sample", "character", "-o", "a.glb", "--triangles", "4000"]);
+    folder.done(&["simplify", "a.glb", "-o", "b.glb", "--ratio", "20%"]);
+    let command = ["compare", "a.glb", "b.glb", "--animated", "--samples", "2000", "--frames", "3"];
+    let told = folder.json(&[&command[..], &["--report", "r.html"]].concat());
+    assert_eq!(parsed(&folder, "r.json"), told);
+    assert_eq!(told["files"], serde_json::json!(["r.html", "r.json"]));
+    let page = text(&folder, "r.html");
+    assert_is_whole(&page);
+    assert_eq!(page.matches("<path class=\"line ").count(), 4, "three clips and the rest pose");
+    for wanted in ["walk", "run", "idle", "at rest", "units of the file", "maille compare a.glb b.glb"] {
+        assert!(page.contains(wanted), "{wanted} is missing");
+    }
+    folder.refused(&[&command[..], &["--report", "absent/r.html"]].concat(), "absent");
+    let run = folder.run(&[&command[..], &["--report", "r.txt"]].concat());
+    assert!(run.code == 2 && run.stderr.contains(".html"), "{}", run.stderr);
+}
+
+#[test]
 fn broken_input_leaves_no_report() {
     let folder = Folder::new();
     folder.file("empty.obj", "v 0 0 0\n");

@@ -3,7 +3,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `page` | the page, its sections and tables; text into HTML |
-//! | `plot` | lines over logarithmic axes, bars; as SVG that follows the colours of the page |
+//! | `plot` | lines over logarithmic or linear axes, bars; as SVG that follows the colours of the page |
 //! | `studio` | pictures of an asset and of what became of it, by the same cameras; distances as colours |
 //! | `gallery` | those pictures on the page |
 //! | `trial` | a simplification, timed and measured against the original |
@@ -27,7 +27,7 @@ use crate::session::Session;
 pub(crate) use figures::{angle_bins, attributes_json, attributes_rows, comparison_json, curve_json};
 pub(crate) use gallery::{Card, Gallery, Shot};
 pub(crate) use page::{Page, bar, command_line, count, escape, facts, percent, settings, table};
-pub(crate) use plot::{Bars, Series, histogram, log_log};
+pub(crate) use plot::{Bars, Series, histogram, linear, log_log};
 pub(crate) use studio::{HeatScale, Look, Model, Studio};
 pub(crate) use trial::{Trial, Trials};
 

@@ -13,26 +13,45 @@ const LETTER: f64 = 8.0;
 /// Colours of the page; a series beyond them gets one of them again, dashed.
 const COLOURS: usize = 8;
 
-/// A named line of points, x and y above 0; a lone point is a dot with a name.
+/// A named line of points; a lone point is a dot with a name. The name is HTML.
 pub(crate) struct Series {
     pub(crate) name: String,
     pub(crate) points: Vec<(f64, f64)>,
 }
 
-/// A plot with logarithmic axes. `what` says for whom cannot see it what it shows.
+/// A plot with logarithmic axes, for points above 0. `what` says for whom cannot see it what it shows.
 pub(crate) fn log_log(series: &[Series], x_title: &str, y_title: &str, what: &str) -> String {
     let all = || series.iter().flat_map(|s| &s.points);
+    let right = right_of(series);
+    let x = Axis::logarithmic(all().map(|p| p.0), LEFT, right);
+    let y = Axis::logarithmic(all().map(|p| p.1), HEIGHT - BOTTOM, TOP);
+    plot(series, &x, &y, [x_title, y_title], what)
+}
+
+/// A plot with linear axes, the vertical one from 0 to at least `most`, so that several plots can be compared. `what` says
+/// for whom cannot see it what it shows.
+pub(crate) fn linear(series: &[Series], most: f64, x_title: &str, y_title: &str, what: &str) -> String {
+    let all = || series.iter().flat_map(|s| &s.points);
+    let right = right_of(series);
+    let x = Axis::linear(all().map(|p| p.0), LEFT, right);
+    let y = Axis::linear(all().map(|p| p.1).chain([0.0, most]), HEIGHT - BOTTOM, TOP);
+    plot(series, &x, &y, [x_title, y_title], what)
+}
+
+/// Where the axes end, so that the names have room.
+fn right_of(series: &[Series]) -> f64 {
     let longest = series.iter().map(|s| s.name.chars().count()).max().unwrap_or(0);
-    let right = WIDTH - (24.0 + LETTER * longest as f64);
-    let x = Axis::new(all().map(|p| p.0), LEFT, right);
-    let y = Axis::new(all().map(|p| p.1), HEIGHT - BOTTOM, TOP);
+    WIDTH - (24.0 + LETTER * longest as f64)
+}
+
+fn plot(series: &[Series], x: &Axis, y: &Axis, [x_title, y_title]: [&str; 2], what: &str) -> String {
     let mut svg = opening(what);
-    draw_grid(&mut svg, &x, &y);
+    draw_grid(&mut svg, x, y);
     for (i, s) in series.iter().enumerate() {
-        draw_series(&mut svg, s, &class(i), &x, &y);
+        draw_series(&mut svg, s, &class(i), x, y);
     }
-    draw_names(&mut svg, series, &x, &y);
-    svg + &titles(right, x_title, y_title)
+    draw_names(&mut svg, series, x, y);
+    svg + &titles(x.to, x_title, y_title)
 }
 
 /// Shares in bins, one or more bars to each.
@@ -126,28 +145,51 @@ fn class(series: usize) -> String {
     format!("s{}{dashed}", series % COLOURS + 1)
 }
 
-/// From values to places, logarithmic, over whole steps of 1, 2, 5.
+/// From values to places, over whole steps.
 struct Axis {
     low: f64,
     high: f64,
     from: f64,
     to: f64,
+    /// From one tick to the next; `None`: the axis is logarithmic.
+    step: Option<f64>,
 }
 
 impl Axis {
-    fn new(values: impl Iterator<Item = f64> + Clone, from: f64, to: f64) -> Self {
+    /// Over steps of 1, 2, 5.
+    fn logarithmic(values: impl Iterator<Item = f64> + Clone, from: f64, to: f64) -> Self {
         let low = values.clone().fold(f64::INFINITY, f64::min);
         let high = values.fold(0.0, f64::max);
         let (low, high) = if low <= high && low > 0.0 { (low, high) } else { (0.1, 1.0) };
-        Self { low: step_below(low), high: step_above(high), from, to }
+        Self { low: step_below(low), high: step_above(high), from, to, step: None }
+    }
+
+    /// Over five to twelve equal steps.
+    fn linear(values: impl Iterator<Item = f64> + Clone, from: f64, to: f64) -> Self {
+        let low = values.clone().fold(f64::INFINITY, f64::min);
+        let high = values.fold(f64::NEG_INFINITY, f64::max);
+        let low = if low.is_finite() { low } else { 0.0 };
+        let high = if high.is_finite() && high > low { high } else { low + 1.0 };
+        let step = step_below((high - low) / 5.0);
+        let [first, last] = [(low / step + 1e-9).floor(), (high / step - 1e-9).ceil()];
+        Self { low: first * step, high: last * step, from, to, step: Some(step) }
     }
 
     fn place(&self, value: f64) -> f64 {
-        self.from + (self.to - self.from) * (value / self.low).ln() / (self.high / self.low).ln()
+        let share = match self.step {
+            None => (value / self.low).ln() / (self.high / self.low).ln(),
+            Some(_) => (value - self.low) / (self.high - self.low),
+        };
+        self.from + (self.to - self.from) * share
     }
 
-    /// Steps of 1, 2 and 5 within the axis; those of 1 are major.
+    /// The steps within the axis; those of 1 are major where it is logarithmic, 0 elsewhere.
     fn ticks(&self) -> Vec<(f64, bool)> {
+        if let Some(step) = self.step {
+            let count = ((self.high - self.low) / step).round() as usize;
+            let tick = |i: usize| (self.low / step).round() + i as f64;
+            return (0..=count).map(|i| (tick(i) * step, tick(i) == 0.0)).collect();
+        }
         let decades = self.low.log10().floor() as i32..=self.high.log10().ceil() as i32;
         let steps = decades.flat_map(|decade| [1.0, 2.0, 5.0].map(|step| (step * 10_f64.powi(decade), step == 1.0)));
         steps.filter(|(tick, _)| *tick >= self.low * 0.999 && *tick <= self.high * 1.001).collect()
@@ -245,9 +287,10 @@ fn tick_label(value: f64) -> String {
     if value >= 1000.0 {
         return super::count(value.round() as u64);
     }
-    match value < 1e-3 {
-        true => format!("{value:.0e}"),
-        false => crate::output::number(value),
+    let text = format!("{value:.3e}");
+    match text.split_once('e').filter(|_| value != 0.0 && value.abs() < 1e-3) {
+        Some((digits, power)) => format!("{}e{power}", digits.trim_end_matches('0').trim_end_matches('.')),
+        None => crate::output::number(value),
     }
 }
 
@@ -257,7 +300,7 @@ mod tests {
 
     #[test]
     fn axes_hold_all_values_between_round_steps() {
-        let axis = Axis::new([3.0, 47.0, 1000.0].into_iter(), 0.0, 100.0);
+        let axis = Axis::logarithmic([3.0, 47.0, 1000.0].into_iter(), 0.0, 100.0);
         assert_eq!((axis.low, axis.high), (2.0, 2000.0));
         assert_eq!(axis.place(2.0), 0.0);
         assert_eq!(axis.place(2000.0), 100.0);
@@ -266,9 +309,26 @@ mod tests {
     }
 
     #[test]
+    fn linear_axes_hold_all_values_between_equal_steps() {
+        let axis = Axis::linear([0.13, 1.04].into_iter(), 0.0, 100.0);
+        let ticks: Vec<String> = axis.ticks().iter().map(|tick| tick_label(tick.0)).collect();
+        assert_eq!(ticks, ["0.1", "0.2", "0.3", "0.4", "0.5", "0.6", "0.7", "0.8", "0.9", "1", "1.1"]);
+        assert_eq!((axis.place(axis.low), axis.place(axis.high)), (0.0, 100.0));
+        let small: Vec<String> =
+            Axis::linear([0.0, 3e-4].into_iter(), 0.0, 1.0).ticks().iter().map(|tick| tick_label(tick.0)).collect();
+        assert_eq!(small, ["0", "5e-5", "1e-4", "1.5e-4", "2e-4", "2.5e-4", "3e-4"]);
+        assert_eq!(Axis::linear([0.0, 50.0].into_iter(), 0.0, 1.0).ticks().len(), 11);
+        for values in [vec![], vec![0.0], vec![7.0; 3], vec![-2.0, 3e-9]] {
+            let axis = Axis::linear(values.into_iter(), 0.0, 1.0);
+            assert!(axis.high > axis.low && (2..20).contains(&axis.ticks().len()));
+        }
+    }
+
+    #[test]
     fn nothing_to_draw_gives_an_empty_plot() {
         let series = [Series { name: "none".to_owned(), points: vec![] }];
         assert!(log_log(&series, "x", "y", "nothing").ends_with("</svg>\n"));
+        assert!(linear(&series, 0.0, "x", "y", "nothing").ends_with("</svg>\n"));
         assert!(histogram(&[], &[], "x", "nothing").ends_with("</svg>\n"));
     }
 

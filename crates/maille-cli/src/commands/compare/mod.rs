@@ -1,5 +1,8 @@
 //! `maille compare`
 
+mod animated;
+mod page;
+
 use std::path::Path;
 
 use maille::Mesh;
@@ -16,14 +19,20 @@ use crate::failure::Failure;
 use crate::output::{self, Listing};
 use crate::session::Session;
 
+/// Points sampled on each surface, where the user does not say.
+const SAMPLES: u64 = 1_000_000;
+
 pub(crate) fn run(args: &CompareArgs) -> Result<(), Failure> {
+    if args.animated {
+        return animated::run(args);
+    }
     if let Some(path) = &args.heatmap {
         check_heatmap(args, path)?;
     }
     let session = Session::start(&args.common)?;
     let (a, b) = (session.read(&args.a)?, session.read(&args.b)?);
     let (a, b) = (a.flattened(), b.flattened());
-    let options = CompareOptions { samples: args.samples, seed: args.seed, edges: args.edges };
+    let options = sampling(args, SAMPLES);
     let mut comparison = compare(&a, &b, &options, session.control()).map_err(|error| refusal(args, &error))?;
     session.checkpoint()?;
     let exact = match args.exact {
@@ -37,6 +46,10 @@ pub(crate) fn run(args: &CompareArgs) -> Result<(), Failure> {
     };
     let drawn = drawn.as_ref();
     session.result(|| json(args, &session, &comparison, exact, drawn), || text(args, &comparison, exact, drawn))
+}
+
+fn sampling(args: &CompareArgs, samples: u64) -> CompareOptions {
+    CompareOptions { samples: args.samples.unwrap_or(samples), seed: args.seed, edges: args.edges }
 }
 
 /// Puts proven maxima in the place of the sampled ones.
@@ -121,7 +134,7 @@ fn json(
     object.insert("a".to_owned(), args.a.display().to_string().into());
     object.insert("b".to_owned(), args.b.display().to_string().into());
     object.extend(comparison_json(c));
-    object.insert("samples".to_owned(), args.samples.into());
+    object.insert("samples".to_owned(), args.samples.unwrap_or(SAMPLES).into());
     object.insert("seed".to_owned(), args.seed.into());
     object.insert("threads".to_owned(), session.threads().into());
     object.insert("heatmap".to_owned(), args.heatmap.as_ref().map(|path| path.display().to_string()).into());
