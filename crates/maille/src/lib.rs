@@ -12,6 +12,7 @@ pub mod certified;
 pub mod cluster;
 pub mod color;
 pub mod control;
+pub mod lod;
 pub mod measure;
 pub mod mesh;
 mod prefetch;
