@@ -145,7 +145,10 @@ impl Correspondence {
             }
             None => match next.wedges[middle as usize] {
                 wedge if wedge < first_point => wedge,
-                vanishing => vanishing + kept_points,
+                vanishing => {
+                    assert!(((vanishing - first_point) as usize) < next.vanishing.len(), "the vanishing point exists");
+                    vanishing + kept_points
+                }
             },
         };
         Self {
@@ -158,16 +161,16 @@ impl Correspondence {
     /// The correspondence of a level with one that was not made from it, or was edited since, by nearest points
     /// (Houle 2000, 6.1.3).
     ///
-    /// Each vertex of the finer level goes to the nearest point of the coarser surface and from there to the corner of that
-    /// triangle that counts most in it; all wedges of a vertex go to wedges of one vertex, so that nothing tears. Which
-    /// of these a wedge becomes is told by normals and texture coordinates: the one with the least sum of squared
-    /// differences over what both levels have (1 unit of a normal, which is 60 degrees, counts as much as the whole side of
-    /// a texture), and of equal ones the first. A coarser level without triangles takes every part of the finer one to
-    /// the mean of its vertices; vertices that are not finite stay where they are.
+    /// Each vertex of the finer level goes to the nearest point of the coarser surface and from there to the corner of
+    /// that triangle that counts most in it; all wedges of a vertex go to wedges of one vertex, so that nothing tears.
+    /// Which of these a wedge becomes is told by normals and texture coordinates: the one with the least sum of
+    /// squared differences over what both levels have (1 unit of a normal, which is 60 degrees, counts as much as the
+    /// whole side of a texture), and of equal ones the first. A coarser level without triangles takes every part of
+    /// the finer one to the mean of its vertices; vertices that are not finite stay where they are.
     ///
     /// What it cannot know: vertices of the coarser level that are nearest to none of the finer one are reached by
-    /// nobody, so that a small change is left for the moment when levels switch; and walls thinner than the levels are apart
-    /// may be taken for each other.
+    /// nobody, so that a small change is left for the moment when levels switch; and walls thinner than the levels are
+    /// apart may be taken for each other.
     ///
     /// Cost: a box hierarchy over the coarser level, and a search for each vertex of the finer one.
     ///

@@ -13,8 +13,8 @@ use crate::{Mesh, color};
 pub enum NormalInterpolation {
     /// In a straight line: shorter than 1 in between, which shading may show as darkening. Costs as much as positions.
     Linear,
-    /// In a straight line, and back to length 1: all that eyes can tell. Directions more than 170 degrees apart jump in the
-    /// middle.
+    /// In a straight line, and back to length 1: all that eyes can tell. Directions more than 170 degrees apart jump
+    /// in the middle.
     #[default]
     NormalizedLinear,
     /// On the great arc, at constant speed. Costs several times as much.
@@ -126,8 +126,8 @@ impl MorphedMesh {
 ///
 /// Only what differs in its bits between the levels is kept and moved, attribute by attribute.
 ///
-/// Cost: linear, without search. Memory: for each wedge that moves 28 bytes (position) and 32 (normal); 56 if normals were not
-/// unit vectors. Time: that of streaming this through, see the book's chapter on geomorphs for figures.
+/// Cost: linear, without search. Memory: for each wedge that moves 28 bytes (position) and 32 (normal); 56 if normals
+/// were not unit vectors. Time: that of streaming this through, see the book's chapter on geomorphs for figures.
 ///
 /// # Examples
 /// ```
@@ -222,11 +222,11 @@ impl Geomorph {
         self.positions.memory_bytes() + self.channels.iter().map(of_channel).sum::<usize>()
     }
 
-    /// Writes a moment, from 0 (the finer level) to 1 (what it becomes in the coarser one). `t` is cut to that; NaN counts
-    /// as 0.
+    /// Writes a moment, from 0 (the finer level) to 1 (what it becomes in the coarser one). `t` is cut to that; NaN
+    /// counts as 0.
     ///
-    /// Only what moves is written: `out` must come from [`MorphedMesh::new`] with the same finer level, and may have been
-    /// written before.
+    /// Only what moves is written: `out` must come from [`MorphedMesh::new`] with the same finer level, and may have
+    /// been written before.
     ///
     /// # Panics
     /// If `out` has other numbers of wedges or attributes.
@@ -244,8 +244,8 @@ impl Geomorph {
         }
     }
 
-    /// Writes the positions of a moment, as [`morph`](Self::morph) does: into a mapped buffer, say. Those of wedges that do
-    /// not move must be there already.
+    /// Writes the positions of a moment, as [`morph`](Self::morph) does: into a mapped buffer, say. Those of wedges
+    /// that do not move must be there already.
     ///
     /// # Panics
     /// If `out` has another length than the finer level has wedges.
@@ -265,11 +265,11 @@ impl Geomorph {
         }
     }
 
-    /// What to add to the finer level's positions, normals and tangents to get to the coarser level: a blend shape for any
-    /// viewer, to be given weights from 0 to 1. It is named `lod_geomorph`.
+    /// What to add to the finer level's positions, normals and tangents to get to the coarser level: a blend shape for
+    /// any viewer, to be given weights from 0 to 1. It is named `lod_geomorph`.
     ///
-    /// Exact up to the rounding of one addition. In between, normals are not brought back to length 1 (viewers do that).
-    /// Attributes that the finer level lacks are left out.
+    /// Exact up to the rounding of one addition. In between, normals are not brought back to length 1 (viewers do
+    /// that). Attributes that the finer level lacks are left out.
     pub fn deltas(&self) -> MorphTarget {
         let paths = std::slice::from_ref(&self.positions);
         let mut attributes = vec![self.delta(Semantic::Position, paths)];

@@ -1,8 +1,9 @@
 //! The ways from one value to another, in arrays made to be streamed.
 //!
-//! What moves is gathered once, when a geomorph is prepared: the values at both ends lie side by side in the order in which
-//! they are written. Then a moment of a geomorph reads two arrays and writes a third one, without looking anything up.
-//! Houle (5.3.1) found looking the targets up as fast as stored vectors, in a time when computing was dearer than memory.
+//! What moves is gathered once, when a geomorph is prepared: the values at both ends lie side by side in the order in
+//! which they are written. Then a moment of a geomorph reads two arrays and writes a third one, without looking
+//! anything up. Houle (5.3.1) found looking the targets up as fast as stored vectors, in a time when computing was
+//! dearer than memory.
 
 use std::ops::Range;
 
@@ -154,8 +155,9 @@ pub(super) struct Directions {
 
 /// How far from 1 a squared length may be for a vector to be taken as it is: some roundings of `f32`.
 const UNIT_TOLERANCE: f64 = 1e-6;
-/// Nearest squared distance from the centre, on the line between two unit vectors, for it to be walked: that of vectors 170
-/// degrees apart. On lines nearer to the centre nearly all of the turn comes in one moment, and rounding shows.
+/// Nearest squared distance from the centre, on the line between two unit vectors, for it to be walked: that of
+/// vectors 170 degrees apart. On lines nearer to the centre nearly all of the turn comes in one moment, and rounding
+/// shows.
 const LEAST_LENGTH_SQ: f64 = 0.0076;
 
 fn direction(value: &[f32]) -> DVec3 {
@@ -302,10 +304,10 @@ pub(super) fn lerp(from: &[f32], to: &[f32], t: f32, out: &mut [f32]) {
 
 /// Points of the line between unit vectors, brought back to length 1.
 ///
-/// Their squared length is 1 - t (1 - t) |b - a|^2, and the last factor is known beforehand. So no sum over the components of
-/// a vector is needed and the vectors can stay as they lie in memory, x y z x y z: four of them are three registers, and
-/// one register of factors is spread over those by shuffles. Summing instead takes twice the time (the compiler then
-/// gathers single floats). A series in place of root and division gains nothing.
+/// Their squared length is 1 - t (1 - t) |b - a|^2, and the last factor is known beforehand. So no sum over the
+/// components of a vector is needed and the vectors can stay as they lie in memory, x y z x y z: four of them are
+/// three registers, and one register of factors is spread over those by shuffles. Summing instead takes twice the time
+/// (the compiler then gathers single floats). A series in place of root and division gains nothing.
 fn normalized(from: &[f32], to: &[f32], bend: &[f32], t: f32, out: &mut [f32]) {
     let s = 1.0 - t;
     let (from, from_rest) = from.as_chunks::<12>();

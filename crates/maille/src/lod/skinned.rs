@@ -53,10 +53,11 @@ pub struct Posed {
 
 /// The way from a finer level of a skinned model to a coarser one, in any pose.
 ///
-/// Both levels are skinned, and the skinned wedges go straight from the one to the other (Houle 2000, 5.5): the ends are
-/// exactly the two levels in that pose, whatever happens to joints and weights between them. Of the coarser level only what
-/// moving wedges go to is skinned. Linear blend skinning with all sets of joints and weights that the levels have; normals
-/// are turned by the same matrices and brought back to length 1, which is exact for joints without unequal scales.
+/// Both levels are skinned, and the skinned wedges go straight from the one to the other (Houle 2000, 5.5): the ends
+/// are exactly the two levels in that pose, whatever happens to joints and weights between them. Of the coarser level
+/// only what moving wedges go to is skinned. Linear blend skinning with all sets of joints and weights that the levels
+/// have; normals are turned by the same matrices and brought back to length 1, which is exact for joints without
+/// unequal scales.
 ///
 /// What vanishes shrinks to its point, moved by the joints of each wedge that shrinks to it.
 ///
@@ -99,8 +100,8 @@ impl SkinnedGeomorph {
     /// Prepares the way from one level to another.
     ///
     /// # Errors
-    /// [`SkinError`] if a mesh or the correspondence is not valid, or a level has no joints and weights. An empty coarser
-    /// level needs none.
+    /// [`SkinError`] if a mesh or the correspondence is not valid, or a level has no joints and weights. An empty
+    /// coarser level needs none.
     pub fn new(finer: &Mesh, coarser: &Mesh, correspondence: &Correspondence) -> Result<Self, SkinError> {
         for (level, mesh) in [(Level::Finer, finer), (Level::Coarser, coarser)] {
             mesh.check().map_err(|error| GeomorphError::Mesh { level, error })?;
@@ -135,9 +136,9 @@ impl SkinnedGeomorph {
 
     /// Skins the wedges of the finer level and what they go to.
     ///
-    /// The one is given an element for each wedge of the finer level; the other one for each wedge of the coarser level (of
-    /// which only those that something moves to are written) and, behind these, one for each wedge that vanishes, in
-    /// ascending order.
+    /// The one is given an element for each wedge of the finer level; the other one for each wedge of the coarser
+    /// level (of which only those that something moves to are written) and, behind these, one for each wedge that
+    /// vanishes, in ascending order.
     ///
     /// # Errors
     /// [`SkinError::TooFewMatrices`]; nothing is written then.
@@ -148,8 +149,8 @@ impl SkinnedGeomorph {
         Ok(())
     }
 
-    /// Moves the wedges of the posed finer level, in place: at `t` = 0 nothing happens, at 1 each becomes its target, to the
-    /// bit. `t` is cut to 0 to 1; NaN counts as 0. Normals take the normalised line.
+    /// Moves the wedges of the posed finer level, in place: at `t` = 0 nothing happens, at 1 each becomes its target,
+    /// to the bit. `t` is cut to 0 to 1; NaN counts as 0. Normals take the normalised line.
     ///
     /// Both come from [`pose`](Self::pose), or from anything else that skins and orders them in the same way.
     ///
@@ -190,9 +191,9 @@ impl SkinnedGeomorph {
         self.moving.len() * if self.finer.normals.is_empty() { 1 } else { 2 }
     }
 
-    /// The largest distance, in model units and over the poses given, between where a wedge ends when only its position at
-    /// rest is morphed and its own joints and weights move it (as a blend shape of glTF does: [`Geomorph::deltas`]), and
-    /// where the coarser level really is.
+    /// The largest distance, in model units and over the poses given, between where a wedge ends when only its
+    /// position at rest is morphed and its own joints and weights move it (as a blend shape of glTF does:
+    /// [`Geomorph::deltas`]), and where the coarser level really is.
     ///
     /// [`Geomorph::deltas`]: super::Geomorph::deltas
     ///

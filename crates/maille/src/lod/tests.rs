@@ -151,10 +151,10 @@ proptest! {
                 let geomorph = Geomorph::new(&finer, &coarser, &correspondence, &options).unwrap();
                 let (start, end) = (MorphedMesh::new(&finer), expected_end(&finer, &coarser, &correspondence));
                 let mut out = start.clone();
-                for (t, known) in [(0.4, None), (1.0, Some(&end)), (0.7, None), (0.0, Some(&start)), (f32::INFINITY, Some(&end)),
-                    (f32::NAN, Some(&start)), (7.0, Some(&end)), (-1.0, Some(&start))] {
+                for t in [0.4, 1.0, 0.7, 0.0, f32::INFINITY, f32::NAN, 7.0, -1.0] {
                     geomorph.morph(t, &mut out);
-                    prop_assert!(known.is_none_or(|known| bits(known) == bits(&out)), "{} {:?}", t, options);
+                    let known = if t >= 1.0 { &end } else { &start };
+                    prop_assert!((t > 0.0 && t < 1.0) || bits(known) == bits(&out), "{} {:?}", t, options);
                 }
             }
         }
@@ -271,7 +271,10 @@ proptest! {
         for t in [0.1, 0.25, 0.5, 0.9] {
             let now = vectors(&morphed(&geomorph, &finer, t), &Semantic::Normal);
             for ((a, b), n) in from.iter().zip(&to).zip(now) {
-                let angle = |a: &Vec3, b: &Vec3| a.as_dvec3().cross(b.as_dvec3()).length().atan2(a.as_dvec3().dot(b.as_dvec3()));
+                let angle = |a: &Vec3, b: &Vec3| {
+                    let (a, b) = (a.as_dvec3(), b.as_dvec3());
+                    a.cross(b).length().atan2(a.dot(b))
+                };
                 prop_assert!((angle(a, &n) - f64::from(t) * angle(a, b)).abs() < 1e-5, "{a} {b} {n}");
                 prop_assert!((angle(&n, b) - f64::from(1.0 - t) * angle(a, b)).abs() < 1e-5, "{a} {b} {n}");
             }

@@ -10,14 +10,15 @@ use super::Correspondence;
 use super::paths::Way;
 use crate::Mesh;
 
-/// How many times longer than the density around explains a step may be. Densities are those of whole triangles, and a step
-/// in space cuts corners that the surface and its chart go around.
+/// How many times longer than the density around explains a step may be. Densities are those of whole triangles, and a
+/// step in space cuts corners that the surface and its chart go around.
 const LONGER: f32 = 2.0;
 
 /// What the triangles around a wedge say of its texture.
 #[derive(Debug, Clone, Copy, Default)]
 struct Around {
-    /// Largest change of texture coordinates along an edge, over the length of that: sides of the texture per model unit.
+    /// Largest change of texture coordinates along an edge, over the length of that: sides of the texture per model
+    /// unit.
     density: f32,
     /// Largest change along an edge, in sides of the texture.
     reach: f32,
@@ -48,10 +49,10 @@ impl TextureSteps {
 
     /// How a wedge goes to its target, given its steps in space and over the texture.
     ///
-    /// Straight, if the step over the texture is at most twice what the step in space explains by the density around, and
-    /// one edge more (for values that were fitted anew in the same place). What is longer jumps in the middle, together
-    /// with the other corners of its triangle; or at the very end if all its triangles shrink to nothing on the way: these
-    /// then never show the other place.
+    /// Straight, if the step over the texture is at most twice what the step in space explains by the density around,
+    /// and one edge more (for values that were fitted anew in the same place). What is longer jumps in the middle,
+    /// together with the other corners of its triangle; or at the very end if all its triangles shrink to nothing on
+    /// the way: these then never show the other place.
     pub(super) fn way(&self, wedge: u32, target: u32, step: f32, uv_step: f32) -> Way {
         let (here, there) = (self.finer[wedge as usize], self.coarser[target as usize]);
         let explained = LONGER * here.density.max(there.density) * step + here.reach;
