@@ -16,6 +16,7 @@ pub mod lod;
 pub mod measure;
 pub mod mesh;
 mod prefetch;
+pub mod progressive;
 mod radix;
 pub mod refit;
 pub mod repair;

@@ -124,6 +124,27 @@ impl Correspondence {
         }
     }
 
+    /// The same between levels whose wedges are in another order: to each level, the number that each wedge had before.
+    ///
+    /// # Panics
+    /// If a number is out of range, or a wedge that others become is left out.
+    #[must_use]
+    pub fn reordered(&self, finer: &[u32], coarser: &[u32]) -> Self {
+        let mut new = vec![u32::MAX; self.coarser_wedges as usize];
+        (0..).zip(coarser).for_each(|(number, &wedge)| new[wedge as usize] = number);
+        let coarser_wedges = coarser.len() as u32;
+        let target = |&wedge: &u32| {
+            let target = self.wedges[wedge as usize];
+            let number = match target.checked_sub(self.coarser_wedges) {
+                None => new[target as usize],
+                Some(point) => coarser_wedges + point,
+            };
+            assert_ne!(number, u32::MAX, "wedge {target} of the coarser level is left out");
+            number
+        };
+        Self { wedges: finer.iter().map(target).collect(), vanishing: self.vanishing.clone(), coarser_wedges }
+    }
+
     /// From the finer level of this one to the coarser level of the next, over the level that both share.
     ///
     /// What vanished on the first way stays at its point. Linear in the number of wedges; associative, to the bit.

@@ -266,7 +266,7 @@ impl Geomorph {
     }
 
     /// What to add to the finer level's positions, normals and tangents to get to the coarser level: a blend shape for
-    /// any viewer, to be given weights from 0 to 1. It is named `lod_geomorph`.
+    /// any viewer, to be given weights from 0 to 1. It is named `geomorph`.
     ///
     /// Exact up to the rounding of one addition. In between, normals are not brought back to length 1 (viewers do
     /// that). Attributes that the finer level lacks are left out.
@@ -279,7 +279,7 @@ impl Geomorph {
                 attributes.push(self.delta(semantic, paths));
             }
         }
-        MorphTarget { name: "lod_geomorph".into(), attributes }
+        MorphTarget { name: "geomorph".into(), attributes }
     }
 
     /// What every wedge of the finer level becomes, as attributes beside its own: `_MORPH_POSITION`, `_MORPH_NORMAL`,

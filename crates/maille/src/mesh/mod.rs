@@ -281,6 +281,37 @@ impl Mesh {
         }
     }
 
+    /// Puts triangles and wedges in another order, and vertices in the order in which wedges name them.
+    ///
+    /// `triangles` are the numbers of the triangles in their new order, `corners` their wedges, by the numbers these have now (so
+    /// that a triangle may begin with another corner), `wedges` the numbers of the wedges in their new order. What is not named
+    /// is left out.
+    ///
+    /// # Panics
+    /// If a number is out of range, there are not three corners to each triangle, or a corner's wedge is left out.
+    pub fn reorder(&mut self, triangles: &[u32], corners: &[u32], wedges: &[u32]) {
+        assert_eq!(corners.len(), 3 * triangles.len(), "three corners to each triangle");
+        let mut new = vec![u32::MAX; self.wedge_count()];
+        (0..).zip(wedges).for_each(|(number, &wedge)| new[wedge as usize] = number);
+        self.gather_triangles(triangles);
+        for (corner, &wedge) in self.triangles.as_flattened_mut().iter_mut().zip(corners) {
+            *corner = new[wedge as usize];
+            assert_ne!(*corner, u32::MAX, "wedge {wedge} is in use");
+        }
+        self.gather_wedges(wedges);
+        let mut vertices = Vec::new();
+        let mut new = vec![u32::MAX; self.vertex_count()];
+        for vertex in &mut self.wedge_vertices {
+            let number = &mut new[*vertex as usize];
+            if *number == u32::MAX {
+                *number = vertices.len() as u32;
+                vertices.push(*vertex);
+            }
+            *vertex = *number;
+        }
+        self.gather_vertices(&vertices);
+    }
+
     /// Keeps only the vertices named by `source`, in that order; wedges are not touched.
     pub(crate) fn gather_vertices(&mut self, source: &[u32]) {
         self.positions = source.iter().map(|&v| self.positions[v as usize]).collect();

@@ -10,15 +10,19 @@ use super::normal_cones::NormalCones;
 use super::options::{CurvePoint, Order, Refusals, Stop, TopologyPolicy};
 use super::patience::Patience;
 use super::queue::Queue;
-use crate::Control;
 use crate::control::Cancelled;
 use crate::topology::collapse_mesh::{CollapseEffect, Marks, RingFace};
 use crate::topology::{CollapseMesh, EdgeStar};
+use crate::{Control, Mesh};
 
 /// Sees every collapse just before it is made.
 pub trait Observer {
     /// A collapse is about to be made.
     fn on_collapse(&mut self, collapse: &Collapse<'_>);
+
+    /// The collapse just seen is settled. `give` writes the values that the metric has chosen for some wedges into a mesh
+    /// with the same wedges ([`Metric::give_values`]).
+    fn on_values(&mut self, _give: &mut dyn FnMut(&[u32], &mut Mesh)) {}
 }
 
 /// Sees nothing.
@@ -31,6 +35,11 @@ impl<A: Observer, B: Observer> Observer for (A, B) {
     fn on_collapse(&mut self, collapse: &Collapse<'_>) {
         self.0.on_collapse(collapse);
         self.1.on_collapse(collapse);
+    }
+
+    fn on_values(&mut self, give: &mut dyn FnMut(&[u32], &mut Mesh)) {
+        self.0.on_values(give);
+        self.1.on_values(give);
     }
 }
 
@@ -372,7 +381,7 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         let stored = [kept, removed].map(|v| self.mesh.position(v));
         let (position, t) = landing(self.mesh.frame(), target, stored, [a, b]);
         let error = candidate.error_sq.sqrt() * self.mesh.frame().unit();
-        self.collapse(edge, [kept, removed], position, (t, error), true)
+        self.collapse(edge, [kept, removed], position, (t, error, candidate.cost), true)
     }
 
     /// Makes a collapse, after the tests if they are wanted. The rings of both ends must be in place.
@@ -381,11 +390,11 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         edge: u32,
         [kept, removed]: [u32; 2],
         position: [f32; 3],
-        (t, error): (f32, f64),
+        (t, error, cost): (f32, f64, f64),
         test: bool,
     ) -> bool {
         let star = EdgeStar::new(edge, [kept, removed], &self.kept_ring, &self.removed_ring);
-        let collapse = Collapse { star, position, t, error };
+        let collapse = Collapse { star, position, t, error, cost };
         if test && !self.limits.allow(self.mesh, &collapse, &mut self.marks, &mut self.outcome.refused) {
             return false;
         }
@@ -411,6 +420,8 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         }
         self.observer.on_collapse(&collapse);
         self.metric.on_collapse(&collapse);
+        let metric = &*self.metric;
+        self.observer.on_values(&mut |wedges, mesh| metric.give_values(wedges, mesh));
         self.outcome.collapses += 1;
         self.outcome.error = self.outcome.error.max(error);
         self.mesh.collapse(&star, position, &mut self.marks, &mut self.effect);
@@ -450,7 +461,7 @@ impl<M: Metric, O: Observer> Loop<'_, M, O> {
         if back_to_back
             && same
             && !self.features.is_locked(removed)
-            && self.collapse(edge, ends, self.mesh.position(kept), (0.0, 0.0), false)
+            && self.collapse(edge, ends, self.mesh.position(kept), (0.0, 0.0, f64::NEG_INFINITY), false)
         {
             self.update_queue(queue);
         }

@@ -38,6 +38,9 @@ pub struct Collapse<'a> {
     pub t: f32,
     /// Distance from the original that the metric expects, in model units.
     pub error: f64,
+    /// What it costs, in the frame; infinitely little for one that comes with the one before: the last two triangles of a
+    /// part.
+    pub cost: f64,
 }
 
 /// Where a merged vertex goes: the position as stored, to the bit that of an end if it goes there, and the place on the

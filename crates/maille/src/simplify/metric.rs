@@ -7,8 +7,10 @@ use super::features::Features;
 use super::legality::Collapse;
 use super::options::{PlacementKind, QuadricWeight};
 use super::patience::Patience;
+use super::poses::Posed;
 use super::quadric::Quadric;
 use super::uncertain::{FaceQuadric, normal_line};
+use crate::Mesh;
 use crate::prefetch::prefetch;
 use crate::topology::CollapseMesh;
 use crate::topology::collapse_mesh::RingFace;
@@ -83,6 +85,10 @@ pub trait Metric: Sync {
 
     /// The collapse that was refined last is about to be made.
     fn on_collapse(&mut self, _: &Collapse<'_>) {}
+
+    /// Writes the attributes that the metric has chosen for some wedges into a mesh with the same wedges; nothing by
+    /// default.
+    fn give_values(&self, _wedges: &[u32], _mesh: &mut Mesh) {}
 
     /// The edge has collapsed: `removed` is now `kept`. `neighbors` are the vertices around it.
     fn commit(&mut self, mesh: &CollapseMesh, kept: u32, removed: u32, neighbors: &[u32], features: &Features);
@@ -186,6 +192,11 @@ pub struct QuadricMetric {
     remembered: f64,
     /// Used up, quadrics at vertices of very many faces stay as they are.
     patience: Patience,
+    /// The faces in several poses, where these count instead of the one in which they are stored; `rebuilt` then holds but
+    /// the constraint planes.
+    posed: Option<Posed>,
+    /// Error of the collapse about to be made, in model units; only with poses.
+    error: f64,
 }
 
 /// What makes short edges go first among equals, as a squared distance relative to the edge's.
@@ -221,7 +232,14 @@ impl QuadricMetric {
             drift_sq: Vec::new(),
             remembered: REMEMBERED,
             patience: Patience::default(),
+            posed: None,
+            error: 0.0,
         }
+    }
+
+    /// The same metric, summed over poses.
+    pub(super) fn in_poses(self, posed: Option<Posed>) -> Self {
+        Self { posed, ..self }
     }
 
     /// Goes on with what vertices have merged already: the planes of faces, summed, or how far they have gone.
@@ -231,6 +249,9 @@ impl QuadricMetric {
 
     /// The quadric of a vertex from the faces around it, and how many they are.
     fn quadric_of(&self, mesh: &CollapseMesh, vertex: u32, features: &Features) -> (Quadric, usize) {
+        if self.posed.is_some() {
+            return (self.constraint_planes(mesh, vertex, features), 0);
+        }
         let (planes, faces) = if self.options.is_plain() {
             self.planes_of::<true>(mesh, vertex)
         } else {
@@ -268,21 +289,45 @@ impl QuadricMetric {
         sum
     }
 
-    /// The quadric that places the merged vertex of an edge.
+    /// The quadric that places the merged vertex of an edge: with poses, if it will be part `t` on the way from the first
+    /// end to the second.
     #[inline]
-    pub(super) fn placing(&self, [a, b]: [u32; 2]) -> Quadric {
+    pub(super) fn placing(&self, edge: &EdgeContext, t: f64) -> Quadric {
         let quadrics = if self.options.memory == QuadricMemory::Summed { &self.sums } else { &self.rebuilt };
-        quadrics[a as usize] + quadrics[b as usize]
+        let sum = sum_of(quadrics, edge.ends);
+        match &self.posed {
+            Some(posed) if self.options.memory != QuadricMemory::Summed => sum + posed.around(edge, t),
+            _ => sum,
+        }
+    }
+
+    /// As [`Metric::evaluate`], over poses: the planes that the merged vertex sees depend on where on the edge it will be,
+    /// so that is asked twice.
+    #[cold]
+    fn evaluate_in_poses(&self, more: &Quadric, edge: &EdgeContext) -> Candidate {
+        let guess = match edge.anchor {
+            Anchor::Free => 0.5,
+            Anchor::First => 0.0,
+            Anchor::Second => 1.0,
+        };
+        let first = self.evaluate_at(guess, more, edge);
+        let better = share_of_way(first.position, edge);
+        if better == guess { first } else { self.evaluate_at(better, more, edge) }
     }
 
     /// As [`Metric::evaluate`], if more than the surface decides: `more` counts in placement and cost, not in the error.
     #[inline]
     pub(super) fn evaluate_with(&self, more: &Quadric, edge: &EdgeContext) -> Candidate {
-        let surface = self.placing(edge.ends);
+        if self.posed.is_some() { self.evaluate_in_poses(more, edge) } else { self.evaluate_at(0.5, more, edge) }
+    }
+
+    #[inline]
+    fn evaluate_at(&self, t: f64, more: &Quadric, edge: &EdgeContext) -> Candidate {
+        let surface = self.placing(edge, t);
         let mut all = surface + *more;
         all.weight = surface.weight;
         let summed = match self.options.memory {
-            QuadricMemory::Both => Some(self.sums[edge.ends[0] as usize] + self.sums[edge.ends[1] as usize]),
+            QuadricMemory::Both => Some(sum_of(&self.sums, edge.ends)),
             QuadricMemory::Summed | QuadricMemory::Rebuilt => None,
         };
         let remembered = summed.as_ref().map(|sums| (sums, self.remembered));
@@ -305,7 +350,7 @@ impl QuadricMetric {
         position: DVec3,
         rings: [&[RingFace]; 2],
     ) -> DVec3 {
-        let placing = self.placing(edge.ends) + *more;
+        let placing = self.placing(edge, share_of_way(position, edge)) + *more;
         self.options.refine(&placing, edge, position, faces_of_star(edge.ends, rings, |v| mesh.point(v)))
     }
 
@@ -499,6 +544,20 @@ pub(super) fn faces_of_star<'a>(
     all.map(move |(end, face)| (end, [point(face.x), point(face.y)]))
 }
 
+#[inline]
+fn sum_of(quadrics: &[Quadric], [a, b]: [u32; 2]) -> Quadric {
+    quadrics[a as usize] + quadrics[b as usize]
+}
+
+/// How far along an edge a point is, by orthogonal projection, from 0 to 1.
+#[inline]
+fn share_of_way(p: DVec3, edge: &EdgeContext) -> f64 {
+    let [a, b] = edge.points;
+    let along = b - a;
+    let length_sq = along.length_squared();
+    if length_sq > 0.0 { ((p - a).dot(along) / length_sq).clamp(0.0, 1.0) } else { 0.0 }
+}
+
 /// Whether a placement is within [`REACH`] of an edge.
 pub(super) fn is_near(p: DVec3, edge: &EdgeContext) -> bool {
     let [a, b] = edge.points;
@@ -522,8 +581,14 @@ impl Metric for QuadricMetric {
     fn prepare(&mut self, mesh: &CollapseMesh, features: &Features) {
         self.patience = Patience::new(mesh);
         let vertices = 0..mesh.vertex_count() as u32;
+        if let Some(posed) = &mut self.posed {
+            posed.prepare(mesh);
+        }
         if self.options.memory != QuadricMemory::Rebuilt {
-            self.sums = if self.sums.is_empty() {
+            self.sums = if let Some(posed) = &self.posed {
+                let sum = |v| posed.around_vertex(v, mesh.point(v)) + self.constraint_planes(mesh, v, features);
+                vertices.clone().into_par_iter().map(sum).collect()
+            } else if self.sums.is_empty() {
                 vertices.clone().into_par_iter().map(|v| self.quadric_of(mesh, v, features).0).collect()
             } else {
                 // what passes have left: planes of faces alone
@@ -541,14 +606,15 @@ impl Metric for QuadricMetric {
 
     #[inline]
     fn evaluate(&self, mesh: &CollapseMesh, _: &Features, edge: &EdgeContext) -> Option<Candidate> {
-        let sum_of = |quadrics: &[Quadric]| quadrics[edge.ends[0] as usize] + quadrics[edge.ends[1] as usize];
         let candidate = match self.options.memory {
-            QuadricMemory::Summed => self.options.candidate(&sum_of(&self.sums), None, 0.0, edge),
+            _ if self.posed.is_some() => return Some(self.evaluate_in_poses(&Quadric::default(), edge)),
+            QuadricMemory::Summed => self.options.candidate(&sum_of(&self.sums, edge.ends), None, 0.0, edge),
             QuadricMemory::Rebuilt => {
-                self.options.candidate(&sum_of(&self.rebuilt), None, self.drift_sq_of(edge.ends), edge)
+                self.options.candidate(&sum_of(&self.rebuilt, edge.ends), None, self.drift_sq_of(edge.ends), edge)
             }
             QuadricMemory::Both => {
-                self.options.candidate(&sum_of(&self.rebuilt), Some((&sum_of(&self.sums), self.remembered)), 0.0, edge)
+                let sums = sum_of(&self.sums, edge.ends);
+                self.options.candidate(&sum_of(&self.rebuilt, edge.ends), Some((&sums, self.remembered)), 0.0, edge)
             }
         };
         Some(if candidate.error_sq <= FLAT * FLAT { without_a_trace(mesh, edge, candidate) } else { candidate })
@@ -564,17 +630,26 @@ impl Metric for QuadricMetric {
         Some(self.refine_with(&Quadric::default(), mesh, edge, candidate.position, rings))
     }
 
+    fn on_collapse(&mut self, collapse: &Collapse<'_>) {
+        if let Some(posed) = &mut self.posed {
+            posed.merge(collapse.star.kept, collapse.star.removed, collapse.t);
+            self.error = collapse.error;
+        }
+    }
+
     fn commit(&mut self, mesh: &CollapseMesh, kept: u32, removed: u32, neighbors: &[u32], features: &Features) {
         let ends = [kept, removed];
-        let sum_of = |quadrics: &[Quadric]| quadrics[kept as usize] + quadrics[removed as usize];
         match self.options.memory {
-            QuadricMemory::Summed => return self.sums[kept as usize] = sum_of(&self.sums),
+            QuadricMemory::Summed => return self.sums[kept as usize] = sum_of(&self.sums, ends),
+            QuadricMemory::Rebuilt if self.posed.is_some() => {
+                self.drift_sq[kept as usize] = (self.error / mesh.frame().unit()).powi(2) as f32;
+            }
             QuadricMemory::Rebuilt => {
-                let q = sum_of(&self.rebuilt);
+                let q = sum_of(&self.rebuilt, ends);
                 self.drift_sq[kept as usize] = drift_after(&q, mesh.point(kept), self.drift_sq_of(ends));
             }
             QuadricMemory::Both => {
-                self.sums[kept as usize] = sum_of(&self.sums);
+                self.sums[kept as usize] = sum_of(&self.sums, ends);
                 if mesh.live_face_count() < LAST {
                     self.remembered = 1.0; // costs rise, which shows when they come up
                 }
@@ -584,6 +659,9 @@ impl Metric for QuadricMetric {
             if self.patience.allows(mesh, vertex) {
                 let (quadric, faces) = self.quadric_of(mesh, vertex, features);
                 self.rebuilt[vertex as usize] = quadric;
+                if let Some(posed) = &mut self.posed {
+                    posed.rebuild(mesh, vertex);
+                }
                 self.patience.spend(faces);
             }
         }

@@ -36,8 +36,10 @@ mod options;
 mod pairs;
 mod passes;
 mod patience;
+mod poses;
 mod quadric;
 mod queue;
+mod record;
 mod silhouette;
 mod uncertain;
 mod wedges;
@@ -61,6 +63,9 @@ pub use quadric::Quadric;
 pub use uncertain::FaceQuadric;
 pub use wedges::WedgeMerger;
 
+pub(crate) use attributes::Lifted;
+pub(crate) use record::{Record, Recording, Rows, attributes_of_wedges_mut};
+
 use rayon::prelude::*;
 
 use crate::cluster::{ClusterOptions, ClusterReport, cluster_mapped};
@@ -69,8 +74,10 @@ use crate::topology::{CollapseMesh, UnionFind};
 
 use crate::mesh::order::{curve_order, ranks};
 use crate::{Control, Mesh};
-use attributes::{AttributeMetric, GeneralizedQuadrics, Lifted};
+use attributes::{AttributeMetric, GeneralizedQuadrics};
 use passes::{Done, Surface, collapse_in_passes};
+use poses::Posed;
+use record::Recorder;
 
 /// Reduces a triangle mesh by greedy edge collapse, cheapest first.
 ///
@@ -110,11 +117,47 @@ pub fn simplify(
     if let Some(clustered) = clustered_first(mesh, options, control)? {
         return clustered.collapse(mesh, options, control);
     }
+    let (report, _) = collapse(mesh, options, false, control)?;
+    Ok(report)
+}
+
+/// All that was done to a mesh, and what is to be done to what is made of it.
+pub(crate) type Recorded = (Box<Recording>, Lifted);
+
+/// Reduces a mesh as [`simplify`] does, and writes down every collapse, so that each can be undone: what a
+/// [`ProgressiveMesh`](crate::progressive::ProgressiveMesh) is made of. The mesh is left with the attributes of all wedges
+/// and vertices that there ever were, as they were last, in spatial order, without positions and triangles.
+pub(crate) fn simplify_recorded(
+    mesh: &mut Mesh,
+    options: &SimplifyOptions,
+    control: Control<'_>,
+) -> Result<(SimplifyReport, Recorded), SimplifyError> {
+    mesh.check()?;
+    check_options(mesh, options)?;
+    let invalid = |name, reason: &str| Err(SimplifyError::InvalidOption { name, reason: reason.to_owned() });
+    if options.cluster_first.is_some() {
+        return invalid("cluster_first", "clustering cannot be undone step by step");
+    }
+    if options.normals == NormalPolicy::Recompute {
+        return invalid("normals", "they are computed anew in the end, not in each step");
+    }
+    let (report, recorded) = collapse(mesh, options, true, control)?;
+    Ok((report, recorded.expect("it was asked for")))
+}
+
+/// Collapses edges, and writes down how, if that is asked for.
+fn collapse(
+    mesh: &mut Mesh,
+    options: &SimplifyOptions,
+    is_recorded: bool,
+    control: Control<'_>,
+) -> Result<(SimplifyReport, Option<Recorded>), SimplifyError> {
     let triangles_in = mesh.triangle_count();
     let frame = Frame::of(&mesh.positions);
     let quadric = quadric_options(options, || mean_edge(&frame, mesh));
     let in_passes =
         quadric.filter(|quadric| wants_passes(options) && triangles_in >= passes::FEWEST && passes::know(quadric));
+    let in_passes = in_passes.filter(|_| !is_recorded);
     let passed = match in_passes.filter(|_| is_bare(mesh)) {
         Some(quadric) => Some(pass_over_bare(mesh, options, quadric, frame, control)?),
         None => None,
@@ -124,7 +167,7 @@ pub fn simplify(
     let (mut work, mut options) = match passed {
         Some(passed) if passed.mesh.triangle_count() <= target => {
             *mesh = passed.mesh;
-            return Ok(report_of(triangles_in, mesh, passed.done.outcome(), options, &frame));
+            return Ok((report_of(triangles_in, mesh, passed.done.outcome(), options, &frame), None));
         }
         Some(passed) => {
             (done, surface_metric) = (passed.done, Some(passed.metric));
@@ -135,12 +178,14 @@ pub fn simplify(
     let is_passed = surface_metric.is_some();
     let lifted = if quadric.is_some() { Lifted::lift(&mut work, &options) } else { Lifted::default() };
     let is_generalized = options.attribute_metric == AttributeMetricKind::GeneralizedQuadric;
+    let posed = || (!options.poses.is_empty()).then(|| Posed::new(&work, &frame, &options.poses));
+    let surface = |q| QuadricMetric::new(q).in_poses(posed());
     let mut appearance =
-        quadric.filter(|_| !is_generalized).and_then(|q| AttributeMetric::new(q, &work, &frame, &options));
+        quadric.filter(|_| !is_generalized).and_then(|q| AttributeMetric::new(surface(q), &work, &frame, &options));
     let mut generalized =
         quadric.filter(|_| is_generalized).and_then(|q| GeneralizedQuadrics::new(q, &work, &frame, &options));
     if appearance.is_none() && generalized.is_none() && !is_passed {
-        surface_metric = quadric.map(QuadricMetric::new);
+        surface_metric = quadric.map(surface);
     }
     let positions = std::mem::take(&mut work.positions);
     let triangles: Vec<[u32; 3]> = work.triangles.iter().map(|t| t.map(|w| work.wedge_vertices[w as usize])).collect();
@@ -148,6 +193,7 @@ pub fn simplify(
         weigh_silhouettes(&mut options, &positions, &triangles);
     }
     let options = options;
+    let corners = if is_recorded { work.triangles.clone() } else { Vec::new() };
     let mut wedges = WedgeMerger::new(work, &options);
     let has_positions_only = wedges.is_idle();
     let mut request = request_of(&options, &frame);
@@ -177,30 +223,45 @@ pub fn simplify(
         faces.add_pairs(&close);
     }
     let mut features = Features::new(&wedges, &faces, &options);
+    let mut observer =
+        if is_recorded { Recorder::new(wedges, faces.positions().to_vec(), corners) } else { Recorder::idle(wedges) };
     let outcome = control.time("queue", || match (surface_metric, &mut appearance, &mut generalized) {
         (Some(mut metric), ..) => {
-            collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
+            collapse_edges(&mut faces, &mut metric, &mut features, &mut observer, &request, control)
         }
-        (_, Some(metric), _) => collapse_edges(&mut faces, metric, &mut features, &mut wedges, &request, control),
-        (.., Some(metric)) => collapse_edges(&mut faces, metric, &mut features, &mut wedges, &request, control),
+        (_, Some(metric), _) => collapse_edges(&mut faces, metric, &mut features, &mut observer, &request, control),
+        (.., Some(metric)) => collapse_edges(&mut faces, metric, &mut features, &mut observer, &request, control),
         _ if options.metric == MetricKind::LindstromTurk => {
             let mut metric = LindstromTurk::new(options.placement, options.constraint_weight, has_positions_only);
-            collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
+            collapse_edges(&mut faces, &mut metric, &mut features, &mut observer, &request, control)
         }
         _ => {
             let mut metric = ShortestEdge::new(options.placement);
-            collapse_edges(&mut faces, &mut metric, &mut features, &mut wedges, &request, control)
+            collapse_edges(&mut faces, &mut metric, &mut features, &mut observer, &request, control)
         }
     })?;
     let carried = appearance.map(|metric| metric.carried).or(generalized.map(|metric| metric.carried));
+    let attributes = carried.as_ref().map_or_else(Vec::new, |carried| carried.errors());
+    let outcome = done.and(outcome);
+    let (mut wedges, recording) = observer.into_parts();
     if let Some(carried) = &carried {
-        carried.give_values(wedges.mesh_mut());
+        carried.give_all_values(wedges.mesh_mut());
+    }
+    if let Some(mut recording) = recording {
+        recording.left = (0..faces.face_count() as u32).filter(|&f| faces.face(f as usize).is_some()).collect();
+        let unit = unit_of_costs(&options, &frame);
+        recording.collapses.iter_mut().for_each(|record| record.cost = (f64::from(record.cost) * unit) as f32);
+        *mesh = wedges.into_mesh();
+        let report = SimplifyReport {
+            attributes,
+            triangles_out: recording.left.len(),
+            ..report_of(triangles_in, mesh, outcome, &options, &frame)
+        };
+        return Ok((report, Some((recording, lifted))));
     }
     *mesh = control.time("finishing", || wedges.finish(faces));
     lifted.put_back(mesh);
-    let outcome = done.and(outcome);
-    let attributes = carried.map_or_else(Vec::new, |carried| carried.errors());
-    Ok(SimplifyReport { attributes, ..report_of(triangles_in, mesh, outcome, &options, &frame) })
+    Ok((SimplifyReport { attributes, ..report_of(triangles_in, mesh, outcome, &options, &frame) }, None))
 }
 
 /// What passes have left of a mesh, and what is to go on with.
@@ -291,6 +352,11 @@ fn request_of<'a>(options: &'a SimplifyOptions, frame: &Frame) -> Request<'a> {
     }
 }
 
+/// What a cost of 1 in the frame is in model units.
+fn unit_of_costs(options: &SimplifyOptions, frame: &Frame) -> f64 {
+    frame.unit().powi(options.metric.cost_power(options.quadric_weight))
+}
+
 /// What to tell of a simplification to a mesh.
 fn report_of(
     triangles_in: usize,
@@ -299,7 +365,7 @@ fn report_of(
     options: &SimplifyOptions,
     frame: &Frame,
 ) -> SimplifyReport {
-    let unit = frame.unit().powi(options.metric.cost_power(options.quadric_weight));
+    let unit = unit_of_costs(options, frame);
     let mut curve = outcome.curve;
     curve.iter_mut().for_each(|point| point.cost *= unit);
     SimplifyReport {
@@ -392,6 +458,7 @@ fn wants_passes(options: &SimplifyOptions) -> bool {
         && options.max_normal_deviation.is_none()
         && options.join_distance.is_none()
         && !options.no_self_intersections
+        && options.poses.is_empty()
 }
 
 /// A copy of the mesh in spatial order, and the options with their lists in the same order.

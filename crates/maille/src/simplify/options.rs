@@ -4,6 +4,7 @@ use super::metric::QuadricMemory;
 use crate::cluster::ClusterError;
 use crate::control::Cancelled;
 use crate::mesh::Semantic;
+use crate::skin::Pose;
 
 /// When to stop. Several may be given; the first one reached stops the work.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -341,6 +342,9 @@ pub struct SimplifyOptions {
     /// as it is. What is too near to tell counts as meeting. Rules passes out; takes four to five times the time of
     /// the order [`Spatial`](Order::Spatial), and 6 bytes per triangle.
     pub no_self_intersections: bool,
+    /// Poses in which quadric metrics look at the surface, instead of where its vertices are stored: the costs of all are
+    /// added, each times its share. Rules passes out; time and memory grow with the number of poses. Empty: none.
+    pub poses: Vec<Pose>,
     /// Also join vertex pairs without an edge that are closer than this distance, in model units.
     pub join_distance: Option<f64>,
     /// Join only vertices of different parts of the surface.
@@ -394,6 +398,7 @@ impl Default for SimplifyOptions {
             valence: None,
             min_quality: None,
             no_self_intersections: false,
+            poses: Vec::new(),
             join_distance: None,
             join_parts_only: false,
             locked: Vec::new(),

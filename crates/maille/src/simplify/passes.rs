@@ -830,11 +830,12 @@ impl Part<'_> {
         let length_sq = dot(along, along);
         let t = if length_sq > 0.0 { (dot(target, along) / length_sq).clamp(0.0, 1.0) } else { 0.0 };
         let error = f64::from(collapsing.error_sq).sqrt() * rules.frame.unit();
+        let cost = f64::from(collapsing.cost);
         let folds = |part: &Self| {
             let rings = part.rings(ends, |v| v);
             let star = EdgeStar::on_closed_surface(ends.map(|v| v + part.start), &rings[0], &rings[1]);
             let point = |v: u32| rules.frame.enter(part.positions[(v - part.start) as usize]);
-            rules.limits.folds_over(&rules.frame, &Collapse { star, position, t, error }, point)
+            rules.limits.folds_over(&rules.frame, &Collapse { star, position, t, error, cost }, point)
         };
         match rules.limits.min_normal_cos.map(|min_cos| star.folds_over(target, min_cos as f32)) {
             Some(Some(true)) => return None,
@@ -844,7 +845,7 @@ impl Part<'_> {
         if let Some(observer) = observer {
             let rings = self.rings(ends, |v| self.origin[(v - self.start) as usize]);
             let star = EdgeStar::on_closed_surface(ends.map(|v| self.origin[v as usize]), &rings[0], &rings[1]);
-            observer.on_collapse(&Collapse { star, position, t, error });
+            observer.on_collapse(&Collapse { star, position, t, error, cost });
         }
         // the rounded place, from the middle
         let offset = minus(target, half);

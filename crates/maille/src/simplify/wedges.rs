@@ -7,6 +7,7 @@ use super::legality::Collapse;
 use super::options::{NormalPolicy, SimplifyOptions};
 use crate::mesh::{Attribute, Mesh, Semantic, Values};
 use crate::topology::CollapseMesh;
+use crate::topology::collapse_mesh::RingFace;
 
 /// The attributes of a mesh under simplification: those of wedges that become one are blended.
 #[derive(Debug)]
@@ -66,9 +67,29 @@ impl<'a> WedgeMerger<'a> {
         v != w && !self.mesh.wedge_attributes.iter().filter(counts).all(|a| same_value(a, v, w))
     }
 
+    /// The attributes of the wedges; triangles and positions are elsewhere.
+    pub(super) fn mesh(&self) -> &Mesh {
+        &self.mesh
+    }
+
+    /// The wedge of the corner of a face that lies at a vertex.
+    pub(super) fn wedge_at(&self, face: &RingFace, vertex: u32) -> u32 {
+        self.corners.at(face, vertex)
+    }
+
+    /// The wedge of a corner of a face, `None` where each vertex has one wedge, of its own number.
+    pub(super) fn wedge_of_corner(&self, face: u32, corner: u8) -> Option<u32> {
+        (!self.corners.are_plain()).then(|| self.corners.of(face as usize, [0; 3])[usize::from(corner)])
+    }
+
     /// The attributes, to be changed from outside.
     pub(super) fn mesh_mut(&mut self) -> &mut Mesh {
         &mut self.mesh
+    }
+
+    /// The attributes of all wedges that there were.
+    pub(super) fn into_mesh(self) -> Mesh {
+        self.mesh
     }
 
     /// The mesh that is left: all compacted, in the order it had.

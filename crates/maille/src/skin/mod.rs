@@ -4,6 +4,12 @@
 //! space; a mesh refers to joints by index in its [`Joints`](crate::Semantic::Joints) attributes. What moves is computed
 //! in double precision.
 
+mod choice;
+mod pose;
+
+pub use choice::PoseChoice;
+pub use pose::{Influences, Pose};
+
 use glam::{DMat4, DQuat, DVec3};
 
 /// A hierarchy of joints.

@@ -74,6 +74,11 @@ impl Frame {
         }
     }
 
+    /// The origin, in model units.
+    pub fn center(&self) -> DVec3 {
+        self.center
+    }
+
     /// Length in model units of 1 in this frame.
     pub fn unit(&self) -> f64 {
         self.unit
@@ -607,6 +612,11 @@ impl CollapseMesh {
     #[inline]
     pub fn has_edge(&self, edge: u32) -> bool {
         self.ends[edge as usize][0] != NONE
+    }
+
+    /// The positions as they are, those of vertices collapsed away among them.
+    pub fn positions(&self) -> &[[f32; 3]] {
+        &self.positions
     }
 
     /// The positions, those of vertices collapsed away among them.

@@ -203,12 +203,19 @@ impl Carried {
         }
     }
 
-    /// Writes the values of the wedges that have changed into a mesh with the same wedges.
-    pub(in crate::simplify) fn give_values(&self, mesh: &mut Mesh) {
+    /// Writes the values of all wedges that have changed into a mesh with the same wedges.
+    pub(in crate::simplify) fn give_all_values(&self, mesh: &mut Mesh) {
+        let all: Vec<u32> = (0..self.wedge_count() as u32).collect();
+        self.give_values(&all, mesh);
+    }
+
+    /// Writes the values of those of some wedges that have changed into a mesh with the same wedges.
+    pub(in crate::simplify) fn give_values(&self, wedges: &[u32], mesh: &mut Mesh) {
         for attribute in &self.attributes {
             let into = mesh.wedge_attributes.iter_mut().find(|a| a.semantic == attribute.semantic);
             let Some(into) = into.and_then(Attribute::as_f32_mut) else { continue };
-            for (w, into) in into.chunks_exact_mut(attribute.count).enumerate().filter(|&(w, _)| self.changed[w]) {
+            for w in wedges.iter().map(|&w| w as usize).filter(|&w| self.changed[w]) {
+                let into = &mut into[w * attribute.count..][..attribute.count];
                 into.copy_from_slice(&self.values[w * self.channels..][attribute.range()]);
                 if let (Some(srgb), Some(color)) = (attribute.lab, into.first_chunk_mut()) {
                     let light = from_lab(*color);

@@ -120,7 +120,7 @@ impl Metric for GeneralizedQuadrics {
 
     fn evaluate(&self, mesh: &CollapseMesh, _: &Features, edge: &EdgeContext) -> Option<Candidate> {
         let candidate = self.surface.options.candidate(&self.quadric(mesh, edge), None, 0.0, edge);
-        let surface = self.surface.placing(edge.ends);
+        let surface = self.surface.placing(edge, 0.5);
         let error_sq = mean(surface.at(candidate.position).max(0.0), surface.weight);
         Some(Candidate { error_sq, ..candidate })
     }
@@ -155,6 +155,10 @@ impl Metric for GeneralizedQuadrics {
         // a distance in the common space: no attribute is farther by itself
         pending.errors.extend(self.carried.attributes.iter().map(|attribute| worst.sqrt() / attribute.weight));
         self.carried.accepts(pending, edge, rings).then_some(place)
+    }
+
+    fn give_values(&self, wedges: &[u32], mesh: &mut Mesh) {
+        self.carried.give_values(wedges, mesh);
     }
 
     fn on_collapse(&mut self, collapse: &Collapse<'_>) {

@@ -7,7 +7,7 @@ use super::carried::{Carried, Channels, Ends, Group};
 use crate::mesh::Mesh;
 use crate::simplify::features::Features;
 use crate::simplify::legality::Collapse;
-use crate::simplify::metric::{Candidate, EdgeContext, Metric, QuadricMetric, QuadricOptions, Update};
+use crate::simplify::metric::{Candidate, EdgeContext, Metric, QuadricMetric, Update};
 use crate::simplify::options::SimplifyOptions;
 use crate::simplify::quadric::Quadric;
 use crate::topology::CollapseMesh;
@@ -50,13 +50,13 @@ pub(in crate::simplify) struct AttributeMetric {
 impl AttributeMetric {
     /// The metric for a mesh whose positions will be in a [`CollapseMesh`] with that frame; `None` if no attribute counts.
     pub(in crate::simplify) fn new(
-        surface: QuadricOptions,
+        surface: QuadricMetric,
         mesh: &Mesh,
         frame: &Frame,
         options: &SimplifyOptions,
     ) -> Option<Self> {
         Some(Self {
-            surface: QuadricMetric::new(surface),
+            surface,
             carried: Carried::new(mesh, frame, options)?,
             sums: Vec::new(),
             wedge_of: Vec::new(),
@@ -290,6 +290,11 @@ impl Metric for AttributeMetric {
 
     fn on_collapse(&mut self, collapse: &Collapse<'_>) {
         self.carried.on_collapse(collapse);
+        self.surface.on_collapse(collapse);
+    }
+
+    fn give_values(&self, wedges: &[u32], mesh: &mut Mesh) {
+        self.carried.give_values(wedges, mesh);
     }
 
     fn commit(&mut self, mesh: &CollapseMesh, kept: u32, removed: u32, neighbors: &[u32], features: &Features) {

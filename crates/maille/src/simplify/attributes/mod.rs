@@ -12,8 +12,8 @@ use super::options::SimplifyOptions;
 use crate::mesh::{Attribute, Mesh, Values};
 
 /// Attributes of vertices that count in the metric, which knows those of wedges only: where each was among the others.
-#[derive(Debug, Default)]
-pub(super) struct Lifted(Vec<usize>);
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(crate) struct Lifted(Vec<usize>);
 
 impl Lifted {
     /// Makes them attributes of wedges, the last ones, for as long as edges collapse. Wedges of one vertex have equal values then,
@@ -36,12 +36,12 @@ impl Lifted {
     }
 
     /// Makes them attributes of vertices again.
-    pub(super) fn put_back(self, mesh: &mut Mesh) {
+    pub(crate) fn put_back(&self, mesh: &mut Mesh) {
         let mut wedge_of = vec![0; mesh.vertex_count()];
         for (w, &v) in (0..).zip(&mesh.wedge_vertices) {
             wedge_of[v as usize] = w;
         }
-        for i in self.0.into_iter().rev() {
+        for &i in self.0.iter().rev() {
             let mut attribute: Attribute = mesh.wedge_attributes.pop().expect("it was put there");
             attribute.gather(&wedge_of);
             mesh.vertex_attributes.insert(i, attribute);

@@ -52,7 +52,8 @@ fn the_quadric_is_what_the_faces_say() {
     let frame = Frame::of(&mesh.positions);
     let faces = order::faces_of(&mesh);
     let surface = quadric_options(&options, || 1.0).unwrap();
-    let mut metric = AttributeMetric::new(surface, &mesh, &frame, &options).expect("two attributes count");
+    let mut metric =
+        AttributeMetric::new(QuadricMetric::new(surface), &mesh, &frame, &options).expect("two attributes count");
     metric.prepare(&faces, &Features::default());
     let told = metric.carried.errors();
     for edge in (0..faces.edge_count() as u32).step_by(97) {

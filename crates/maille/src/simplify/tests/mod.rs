@@ -8,6 +8,7 @@ mod metrics;
 mod options;
 mod order;
 mod passes;
+mod poses;
 
 use std::collections::BTreeMap;
 
