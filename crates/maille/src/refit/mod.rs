@@ -6,6 +6,9 @@
 //! as the nearest points change. Connectivity and attributes stay.
 
 mod least_squares;
+mod posed;
+#[cfg(test)]
+mod posed_tests;
 #[cfg(test)]
 mod tests;
 
@@ -17,6 +20,7 @@ use crate::measure::triangle::{at, closest_on_triangle, scaled_normal};
 use crate::measure::{Bvh, ClosestPoint, SurfaceSampler};
 use crate::{Control, Mesh};
 use least_squares::{Fit, OnTriangle, Row};
+pub use posed::{PosedRefitOptions, PosedRefitReport, refit_in_poses};
 
 /// How to [`refit`].
 #[derive(Debug, Clone, PartialEq)]
