@@ -40,6 +40,7 @@ pub(crate) enum Command {
     Convert(ConvertArgs),
     Sample(SampleArgs),
     Simplify(Box<SimplifyArgs>),
+    Lod(LodArgs),
     Compare(CompareArgs),
     Bench(BenchArgs),
     Repair(RepairArgs),
@@ -366,6 +367,58 @@ Examples:
   maille simplify scan.ply -o small.ply --ratio 5% --report report.html --report-metrics qem,sem
 
 Attributes are named as `maille info` lists them, or as glTF does (COLOR_0, _IMPORTANCE).";
+
+/// Makes a chain of levels of detail.
+///
+/// Each mesh of the file is simplified once, all the way, and the levels are moments of that: each level of a skinned
+/// character moves with the same skeleton and the same clips. A glTF gets the levels beside the original, as
+/// nodes that MSFT_lod lists; other formats get a file to each level (NAME_LOD1.ply and so on).
+#[derive(Debug, Args)]
+#[command(after_long_help = LOD_EXAMPLES)]
+pub(crate) struct LodArgs {
+    /// The file to read.
+    pub(crate) input: PathBuf,
+    /// The file to write; its extension names the format.
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// What the levels have of the triangles: shares such as 10%, or numbers, falling. auto: a half each time, as long as
+    /// that leaves 100.
+    #[arg(long, value_name = "LEVEL,...", value_parser = parse_levels, default_value = "auto")]
+    pub(crate) levels: Levels,
+    /// In which poses the surface is looked at. clips, or clips=N: in N poses (default 16) that stand for all clips; bind: as
+    /// the vertices are stored; rest: as the file shows it; CLIP@SECONDS: at a moment of a clip. Default: clips, where there
+    /// are some.
+    #[arg(long, value_name = "POSES")]
+    pub(crate) poses: Option<String>,
+    /// Whether the vertices of each level are fitted to the original: their places and, if poses are looked at, the weights of
+    /// their joints. Default: yes where poses are looked at.
+    #[arg(long, value_name = "yes|no", num_args = 0..=1, default_missing_value = "yes", require_equals = true,
+        value_parser = clap::builder::BoolishValueParser::new())]
+    pub(crate) refit: Option<bool>,
+    /// Gives each level, the original among them, a morph target named `geomorph` that takes it to the next one: any viewer of
+    /// glTF can show the way between. Meshes are then written in the order of their levels.
+    #[arg(long)]
+    pub(crate) geomorph: bool,
+    /// Writes a file to each level also where one glTF could hold all.
+    #[arg(long)]
+    pub(crate) split_files: bool,
+    #[command(flatten)]
+    pub(crate) common: Common,
+}
+
+/// The levels of a chain.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Levels {
+    Auto,
+    These(Vec<Level>),
+}
+
+const LOD_EXAMPLES: &str = "\
+Examples:
+  maille lod character.glb -o levels.glb
+  maille lod character.glb -o levels.glb --levels 50%,25%,10%,3%
+  maille lod character.glb -o levels.glb --levels 5000,1000 --poses walk@0.5
+  maille lod scan.ply -o scan.ply --levels 10%,1%";
 
 /// Measures how far two surfaces are apart.
 ///
@@ -738,6 +791,13 @@ fn parse_ratio(text: &str) -> Result<f64, String> {
     };
     let is_share = ratio > 0.0 && ratio <= 1.0;
     if is_share { Ok(ratio) } else { Err("it must be above 0 and at most 1, or above 0% and at most 100%".into()) }
+}
+
+fn parse_levels(text: &str) -> Result<Levels, String> {
+    if text == "auto" {
+        return Ok(Levels::Auto);
+    }
+    text.split(',').map(|level| parse_level(level.trim())).collect::<Result<_, _>>().map(Levels::These)
 }
 
 fn parse_level(text: &str) -> Result<Level, String> {

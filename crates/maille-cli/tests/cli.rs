@@ -6,8 +6,20 @@ use maille::mesh::shapes;
 use maille_io::{Asset, WriteOptions};
 use support::Folder;
 
-const COMMANDS: [&str; 11] =
-    ["info", "convert", "sample", "simplify", "compare", "bench", "repair", "render", "demo", "completions", "man"];
+const COMMANDS: [&str; 12] = [
+    "info",
+    "convert",
+    "sample",
+    "simplify",
+    "lod",
+    "compare",
+    "bench",
+    "repair",
+    "render",
+    "demo",
+    "completions",
+    "man",
+];
 
 /// A folder with a sphere of 2 048 triangles in it.
 fn with_sphere(name: &str) -> Folder {
@@ -47,6 +59,10 @@ fn wrong_usage_ends_with_2() {
         &["bench", "metrics", "a.ply", "-o", "b.pdf"],
         &["simplify", "a.ply", "-o", "b.ply", "--ratio", "0.5", "--report", "b.pdf"],
         &["simplify", "a.ply", "-o", "b.ply", "--ratio", "0.5", "--report-metrics", "qem"],
+        &["lod", "a.ply", "-o", "b.glb", "--levels", "10%,20%"],
+        &["lod", "a.ply", "-o", "b.glb", "--levels", "none"],
+        &["lod", "a.ply", "-o", "b.glb", "--poses", "clips"],
+        &["lod", "a.ply", "-o", "b.unknown"],
         &["info", "a.ply", "--threads", "0"],
     ] {
         let run = folder.run(arguments);
@@ -69,6 +85,31 @@ fn simplify_keeps_the_contract() {
         assert!(!report[key].is_null(), "{key} is missing: {report}");
     }
     assert_eq!(folder.json(&["info", "b.ply"])["triangles"], 512);
+}
+
+#[test]
+fn lod_makes_a_chain_in_one_file_or_several() {
+    let folder = with_sphere("a.ply");
+    let report = folder.json(&["lod", "a.ply", "-o", "b.glb", "--levels", "50%,200", "--geomorph"]);
+    let triangles: Vec<u64> =
+        report["levels"].as_array().into_iter().flatten().filter_map(|level| level["triangles"].as_u64()).collect();
+    assert_eq!(triangles, [1024, 200]);
+    assert_eq!(folder.json(&["info", "b.glb"])["instances"], 1);
+    let report = folder.json(&["lod", "a.ply", "-o", "c.ply", "--levels", "25%"]);
+    assert_eq!(report["files"].as_array().map(Vec::len), Some(2));
+    assert_eq!(folder.json(&["info", "c_LOD0.ply"])["triangles"], 2048);
+    assert_eq!(folder.json(&["info", "c_LOD1.ply"])["triangles"], 512);
+    let report = folder.json(&["lod", "a.ply", "-o", "d.glb"]);
+    assert_eq!(report["levels"].as_array().map(Vec::len), Some(4), "1024, 512, 256 and 128: {report}");
+}
+
+#[test]
+fn lod_tells_which_clips_there_are() {
+    let folder = Folder::new();
+    folder.done(&["sample", "character", "-o", "c.glb", "--triangles", "2000"]);
+    let run = folder.run(&["lod", "c.glb", "-o", "d.glb", "--poses", "fly@1"]);
+    assert!(run.code == 2 && run.stderr.contains("walk"), "{}", run.stderr);
+    folder.done(&["lod", "c.glb", "-o", "d.glb", "--poses", "walk@0.25", "--levels", "20%"]);
 }
 
 #[test]

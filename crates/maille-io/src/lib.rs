@@ -6,17 +6,20 @@
 
 mod asset;
 mod color;
+mod display;
 mod error;
 mod flatten;
 mod format;
 mod gltf;
 mod input;
 mod left_out;
+mod lod;
 mod look;
 mod obj;
 mod off;
 mod output;
 mod ply;
+mod poses;
 mod process;
 mod sample;
 mod settle;
@@ -26,11 +29,14 @@ mod triangulate;
 mod wedges;
 
 pub use asset::{Asset, Instance, NamedMesh};
+pub use display::order_for_display;
 pub use error::{Place, ReadError, WriteError};
 pub use format::Format;
 pub use gltf::Animation;
+pub use lod::{LodChain, LodLevel, LodOptions, lod_chain};
 pub use look::{Look, Texture};
 pub use output::Written;
+pub use poses::{PoseSet, poses_of};
 pub use process::{AssetOptions, AssetReport, Budget, ProcessError, find_attribute, simplify_asset, world_scales};
 pub use sample::sample;
 

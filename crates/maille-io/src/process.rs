@@ -19,7 +19,7 @@ use rayon::prelude::*;
 use crate::{Asset, Instance};
 
 /// Fewest triangles that sharing out a total leaves to a mesh, so that none disappears: a tetrahedron.
-const FEWEST: usize = 4;
+pub(crate) const FEWEST: usize = 4;
 /// How often what a mesh could not give is asked of the others.
 const ROUNDS: usize = 4;
 /// How far below its share by size a mesh may go where the share is by error.

@@ -6,6 +6,7 @@ mod completions;
 mod convert;
 mod demo;
 mod info;
+mod lod;
 mod man;
 mod render;
 mod repair;
@@ -27,6 +28,7 @@ pub(crate) fn run(cli: Cli) -> Result<(), Failure> {
         Command::Convert(args) => convert::run(&args),
         Command::Sample(args) => sample::run(&args),
         Command::Simplify(args) => simplify::run(&args),
+        Command::Lod(args) => lod::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Repair(args) => repair::run(&args),

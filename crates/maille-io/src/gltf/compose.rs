@@ -384,11 +384,12 @@ fn plan<'a>(
         Some(PlannedAttribute { name, semantic, shape })
     });
     let old_targets = items(template, "targets");
-    let is_new = old_targets.is_empty() && primitives.iter().all(|p| items(p, "targets").is_empty());
+    let known = primitives.iter().map(|p| items(p, "targets").len()).max().unwrap_or(0);
+    let is_new = known == 0;
     let targets = mesh.morph_targets.iter().enumerate().map(|(i, target)| {
         let semantics = target.attributes.iter().map(|a| &a.semantic);
         let name = |semantic| match named(old_targets.get(i), semantic) {
-            None if is_new => Some((new_name(semantic), semantic)),
+            None if i >= known => Some((new_name(semantic), semantic)),
             name => name.map(|name| (name, semantic)),
         };
         semantics.filter_map(name).collect()

@@ -157,6 +157,17 @@ pub(super) fn undeclare(json: &mut Value, name: &str) {
     }
 }
 
+/// Puts an extension on the list of those used.
+pub(super) fn declare(json: &mut Value, name: &str) {
+    if declares(json, name) {
+        return;
+    }
+    match json.get_mut("extensionsUsed").and_then(Value::as_array_mut) {
+        Some(names) => names.push(name.into()),
+        None => json["extensionsUsed"] = serde_json::json!([name]),
+    }
+}
+
 /// Whether the document says that it uses an extension.
 pub(super) fn declares(json: &Value, name: &str) -> bool {
     let names = json.get("extensionsUsed").and_then(Value::as_array);

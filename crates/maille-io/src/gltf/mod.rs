@@ -18,6 +18,7 @@ mod draco;
 mod encode;
 mod fresh;
 mod json;
+mod lod;
 mod look;
 mod meshopt;
 mod package;
@@ -32,7 +33,7 @@ use serde_json::Value;
 use crate::asset::Source;
 use crate::left_out::{count, looks};
 use crate::output::Output;
-use crate::{Asset, NamedMesh, ReadError, ReadOptions, WriteError, WriteOptions};
+use crate::{Asset, LodChain, NamedMesh, ReadError, ReadOptions, WriteError, WriteOptions};
 pub use animation::Animation;
 use json::{Checked, Fault, Within, extension, index, list, required_index, text};
 
@@ -218,6 +219,15 @@ fn warn_of_unknown(json: &Value, warnings: &mut Vec<String>) {
                 .push(format!("the file requires the extension {name}, which is passed on without being understood"));
         }
     }
+}
+
+/// The asset as a glTF whose nodes list levels of detail.
+pub(crate) fn with_levels(asset: &Asset, chain: &LodChain) -> Asset {
+    let (document, meshes) = match &asset.source {
+        Source::Gltf(document) => document.with_levels(&asset.meshes, chain),
+        _ => fresh::document_for(asset).with_levels(&fresh::with_normals(&asset.meshes), chain),
+    };
+    Asset { meshes, source: Source::Gltf(Arc::new(document)), ..asset.clone() }
 }
 
 /// Writes glTF JSON with its buffers beside it, or one GLB.

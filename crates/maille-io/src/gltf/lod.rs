@@ -1,0 +1,229 @@
+//! Levels of detail in glTF: `MSFT_lod` on nodes.
+//!
+//! A level is a node of its own that no scene names, with a mesh of its own; the node it stands in for lists it. Skins, materials
+//! and clips are shared. Since such a node has neither the children nor the movements of the one it replaces, a node that
+//! has children or is moved by a clip hands its mesh to a new child first.
+
+use std::collections::HashSet;
+
+use maille::Mesh;
+use serde_json::{Value, json};
+
+use super::accessor::Accessor;
+use super::json::{declare, index, list, text};
+use super::{Document, View};
+use crate::{LodChain, NamedMesh};
+
+const MSFT_LOD: &str = "MSFT_lod";
+
+impl Document {
+    /// The document with nodes and meshes for the levels of its meshes, and all meshes, in its order: `meshes` and then
+    /// those of the levels.
+    pub(super) fn with_levels(&self, meshes: &[NamedMesh], chain: &LodChain) -> (Self, Vec<NamedMesh>) {
+        let mut json = self.json.clone();
+        let mut all = meshes.to_vec();
+        for (named, mesh) in all.iter_mut().zip(&chain.original) {
+            named.mesh = mesh.clone();
+        }
+        let has_levels: Vec<bool> = meshes.iter().map(|named| named.mesh.triangle_count() > 0).collect();
+        let mut numbers: Vec<Vec<usize>> = vec![Vec::new(); meshes.len()];
+        for (k, level) in chain.levels.iter().enumerate() {
+            for (i, mesh) in level.meshes.iter().enumerate().filter(|&(i, _)| has_levels[i]) {
+                numbers[i].push(all.len());
+                all.push(NamedMesh { name: level_name(&meshes[i].name, k + 1), mesh: mesh.clone() });
+                let copy = json["meshes"][i].clone();
+                json["meshes"].as_array_mut().expect("documents have meshes").push(copy);
+            }
+        }
+        let mut copy =
+            Self { json, buffers: self.buffers.clone(), views: self.views.clone(), folder: self.folder.clone() };
+        let mut widened = HashSet::new();
+        for (i, named) in all.iter().enumerate() {
+            copy.add_target_names(i, &named.mesh, &mut widened);
+        }
+        let mut json = copy.json;
+        let moved = moved_nodes(&json);
+        let coverage: Vec<f64> = chain.screen_coverage();
+        for node in 0..self.list("nodes").len() {
+            let Some(levels) = index(&json["nodes"][node], "mesh").ok().flatten().and_then(|mesh| numbers.get(mesh))
+            else {
+                continue;
+            };
+            if !levels.is_empty() {
+                add_levels(&mut json, node, levels, moved.contains(&node), &coverage);
+            }
+        }
+        declare(&mut json, MSFT_LOD);
+        (Self { json, ..copy }, all)
+    }
+
+    /// Lets a mesh have one more morph target than the document knows, if it has: its name where viewers look for it, and a
+    /// zero wherever the document tells how far its targets are on.
+    fn add_target_names(&mut self, number: usize, mesh: &Mesh, widened: &mut HashSet<(usize, usize)>) {
+        let json = &mut self.json["meshes"][number];
+        let known = json["primitives"][0].get("targets").and_then(Value::as_array).map_or(0, Vec::len);
+        if mesh.morph_targets.len() <= known {
+            return;
+        }
+        if json.get("extras").is_none_or(Value::is_object) {
+            let names: Vec<&str> = mesh.morph_targets.iter().map(|target| target.name.as_str()).collect();
+            json["extras"]["targetNames"] = json!(names);
+        }
+        let nodes = self.json["nodes"].as_array_mut().into_iter().flatten();
+        let drawn = nodes.enumerate().filter(|(_, node)| index(node, "mesh").ok().flatten() == Some(number));
+        let drawn: Vec<usize> = drawn
+            .map(|(i, node)| {
+                append_zero(node);
+                i
+            })
+            .collect();
+        append_zero(&mut self.json["meshes"][number]);
+        if known > 0 {
+            drawn.into_iter().for_each(|node| self.widen_clips(node, known, widened));
+        }
+    }
+
+    /// Adds a morph target that stays off to the clips that turn those of a node on and off, `known` until now; samplers that
+    /// have it already are in `widened`.
+    fn widen_clips(&mut self, node: usize, known: usize, widened: &mut HashSet<(usize, usize)>) {
+        let mut samplers = Vec::new();
+        for (a, animation) in self.list("animations").iter().enumerate() {
+            for channel in list(animation, "channels").unwrap_or_default() {
+                let target = &channel["target"];
+                let acts = text(target, "path") == "weights" && index(target, "node").ok().flatten() == Some(node);
+                samplers.extend(index(channel, "sampler").ok().flatten().filter(|_| acts).map(|sampler| (a, sampler)));
+            }
+        }
+        samplers.retain(|&sampler| widened.insert(sampler)); // one may serve several nodes
+        for (a, sampler) in samplers {
+            let output = index(&self.json["animations"][a]["samplers"][sampler], "output").ok().flatten();
+            // what cannot be read is of no use as it is
+            let Some(Ok(accessor)) = output.map(|output| Accessor::new(self, output)) else { continue };
+            let old = accessor.floats(None);
+            let bytes: Vec<u8> = old
+                .chunks_exact(known)
+                .flat_map(|key| key.iter().copied().chain([0.0]))
+                .flat_map(f32::to_le_bytes)
+                .collect();
+            let number = self.push_floats(bytes);
+            self.json["animations"][a]["samplers"][sampler]["output"] = json!(number);
+        }
+    }
+
+    /// A new accessor of single floats.
+    fn push_floats(&mut self, bytes: Vec<u8>) -> usize {
+        let (length, count) = (bytes.len(), bytes.len() / 4);
+        push(&mut self.json, "buffers", json!({ "byteLength": length }));
+        let view = json!({ "buffer": self.buffers.len(), "byteOffset": 0, "byteLength": length });
+        let view = push(&mut self.json, "bufferViews", view);
+        self.views.push(View { buffer: self.buffers.len(), start: 0, end: length, stride: None });
+        self.buffers.push(bytes);
+        push(
+            &mut self.json,
+            "accessors",
+            json!({ "bufferView": view, "componentType": 5126, "count": count, "type": "SCALAR" }),
+        )
+    }
+}
+
+/// Adds an entry to a top-level list, and tells its number.
+fn push(json: &mut Value, key: &str, entry: Value) -> usize {
+    let list = json[key].as_array_mut().expect("the document has such a list");
+    list.push(entry);
+    list.len() - 1
+}
+
+/// One more morph target of a mesh or node is off.
+fn append_zero(object: &mut Value) {
+    if let Some(weights) = object.get_mut("weights").and_then(Value::as_array_mut) {
+        weights.push(json!(0.0));
+    }
+}
+
+/// The name of a level, as engines know it.
+pub(super) fn level_name(name: &str, level: usize) -> String {
+    format!("{name}_LOD{level}")
+}
+
+/// The nodes whose place, rotation or scale a clip changes.
+fn moved_nodes(json: &Value) -> HashSet<usize> {
+    let channels = channels_of(json);
+    let moves = channels.filter(|channel| text(&channel["target"], "path") != "weights");
+    moves.filter_map(|channel| index(&channel["target"], "node").ok().flatten()).collect()
+}
+
+fn channels_of(json: &Value) -> impl Iterator<Item = &Value> {
+    let animations = json.get("animations").and_then(Value::as_array).into_iter().flatten();
+    animations.flat_map(|animation| animation.get("channels").and_then(Value::as_array).into_iter().flatten())
+}
+
+/// Adds nodes for the levels of a node's mesh, given by their numbers.
+fn add_levels(json: &mut Value, node: usize, levels: &[usize], is_moved: bool, coverage: &[f64]) {
+    let has_children = json["nodes"][node].get("children").is_some();
+    let carrier = if is_moved || has_children { hand_mesh_down(json, node) } else { node };
+    let mut ids = Vec::new();
+    for (k, &mesh) in levels.iter().enumerate() {
+        let mut level = json["nodes"][carrier].clone();
+        level["mesh"] = json!(mesh);
+        let name = text(&level, "name").to_owned();
+        if !name.is_empty() {
+            level["name"] = json!(level_name(&name, k + 1));
+        }
+        super::json::remove(&mut level, "camera");
+        let id = push(json, "nodes", level);
+        move_weights(json, carrier, id, true);
+        ids.push(id);
+    }
+    let carrier = &mut json["nodes"][carrier];
+    carrier["extensions"][MSFT_LOD] = json!({ "ids": ids });
+    if carrier.get("extras").is_none_or(Value::is_object) {
+        carrier["extras"]["MSFT_screencoverage"] = json!(coverage);
+    }
+}
+
+/// Gives the mesh of a node to a new child of it, which stands where the node does.
+fn hand_mesh_down(json: &mut Value, node: usize) -> usize {
+    let mut child = json!({});
+    for key in ["name", "mesh", "skin", "weights"] {
+        if let Some(value) = json["nodes"][node].get(key) {
+            child[key] = value.clone();
+        }
+    }
+    const INSTANCING: &str = "EXT_mesh_gpu_instancing";
+    if let Some(instancing) = json["nodes"][node].get_mut("extensions").and_then(Value::as_object_mut) {
+        if let Some(instancing) = instancing.remove(INSTANCING) {
+            child["extensions"][INSTANCING] = instancing;
+        }
+    }
+    for key in ["mesh", "skin", "weights"] {
+        super::json::remove(&mut json["nodes"][node], key);
+    }
+    let child = push(json, "nodes", child);
+    move_weights(json, node, child, false);
+    let parent = &mut json["nodes"][node];
+    match parent.get_mut("children").and_then(Value::as_array_mut) {
+        Some(children) => children.push(json!(child)),
+        None => parent["children"] = json!([child]),
+    }
+    child
+}
+
+/// Lets the channels that turn morph targets of a node on and off act on another one, or on both.
+fn move_weights(json: &mut Value, from: usize, to: usize, on_both: bool) {
+    let animations = json.get_mut("animations").and_then(Value::as_array_mut).into_iter().flatten();
+    for channels in animations.filter_map(|animation| animation.get_mut("channels")?.as_array_mut()) {
+        let mut copies = Vec::new();
+        for channel in channels.iter_mut() {
+            let target = &channel["target"];
+            let acts = text(target, "path") == "weights" && index(target, "node").ok().flatten() == Some(from);
+            if acts && on_both {
+                let mut copy = channel.clone();
+                copy["target"]["node"] = json!(to);
+                copies.push(copy);
+            } else if acts {
+                channel["target"]["node"] = json!(to);
+            }
+        }
+        channels.append(&mut copies);
+    }
+}
