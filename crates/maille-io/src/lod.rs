@@ -11,7 +11,7 @@ use maille::{Attribute, Control, Mesh, Semantic};
 use rayon::prelude::*;
 
 use crate::process::{FEWEST, ProcessError, world_scales};
-use crate::{Asset, NamedMesh, PoseSet, order_for_display, poses_of};
+use crate::{Asset, PoseSet, order_for_display, poses_of};
 
 /// How to make a chain of levels.
 #[derive(Debug, Clone, Default)]
@@ -132,15 +132,19 @@ pub fn lod_chain(asset: &Asset, options: &LodOptions, control: Control<'_>) -> R
     let power = options.simplify.metric.cost_power(options.simplify.quadric_weight);
     let refused =
         |index: usize| move |error| ProcessError::Mesh { index, name: asset.meshes[index].name.clone(), error };
-    let works = asset.meshes.par_iter().zip(poses).zip(world_scales(asset)).zip(asset.draws()).enumerate();
-    let part = |(index, (((named, poses), scale), draws)): (usize, (((&'_ NamedMesh, Vec<Pose>), f64), usize))| {
+    let (scales, draws) = (world_scales(asset), asset.draws());
+    let part = |index: usize| {
         let target = Target { triangles: Some(0), max_error: None };
+        let poses: Vec<Pose> = poses[index].clone();
         let simplify = SimplifyOptions { poses: poses.clone(), target, ..options.simplify.clone() };
-        let made = ProgressiveMesh::new(named.mesh.clone(), &simplify, control);
+        let made = ProgressiveMesh::new(asset.meshes[index].mesh.clone(), &simplify, control);
         let (progressive, _) = made.map_err(refused(index))?;
-        Ok(Part { progressive, poses, scale, unit: scale.powi(power), draws, at: Vec::new(), levels: Vec::new() })
+        let scale = scales[index];
+        let (unit, draws) = (scale.powi(power), draws[index]);
+        Ok(Part { progressive, poses, scale, unit, draws, at: Vec::new(), levels: Vec::new() })
     };
-    let mut parts: Vec<Part> = works.map(part).collect::<Result<_, ProcessError>>()?;
+    let parts = (0..asset.meshes.len()).into_par_iter().map(part);
+    let mut parts: Vec<Part> = parts.collect::<Result<_, ProcessError>>()?;
     for &target in &options.levels {
         let at = collapses_for(&parts, target);
         parts.iter_mut().zip(at).for_each(|(part, at)| part.at.push(at));

@@ -10,11 +10,12 @@ use maille::Mesh;
 use serde_json::{Value, json};
 
 use super::accessor::Accessor;
-use super::json::{declare, index, list, text};
+use super::json::{declare, extension, index, list, remove, remove_extension, text};
 use super::{Document, View};
 use crate::{LodChain, NamedMesh};
 
 const MSFT_LOD: &str = "MSFT_lod";
+const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 
 impl Document {
     /// The document with nodes and meshes for the levels of its meshes, and all meshes, in its order: `meshes` and then
@@ -169,7 +170,7 @@ fn add_levels(json: &mut Value, node: usize, levels: &[usize], is_moved: bool, c
         if !name.is_empty() {
             level["name"] = json!(level_name(&name, k + 1));
         }
-        super::json::remove(&mut level, "camera");
+        remove(&mut level, "camera");
         let id = push(json, "nodes", level);
         move_weights(json, carrier, id, true);
         ids.push(id);
@@ -189,14 +190,12 @@ fn hand_mesh_down(json: &mut Value, node: usize) -> usize {
             child[key] = value.clone();
         }
     }
-    const INSTANCING: &str = "EXT_mesh_gpu_instancing";
-    if let Some(instancing) = json["nodes"][node].get_mut("extensions").and_then(Value::as_object_mut) {
-        if let Some(instancing) = instancing.remove(INSTANCING) {
-            child["extensions"][INSTANCING] = instancing;
-        }
+    if let Some(instancing) = extension(&json["nodes"][node], INSTANCING).cloned() {
+        child["extensions"][INSTANCING] = instancing;
+        remove_extension(&mut json["nodes"][node], INSTANCING);
     }
     for key in ["mesh", "skin", "weights"] {
-        super::json::remove(&mut json["nodes"][node], key);
+        remove(&mut json["nodes"][node], key);
     }
     let child = push(json, "nodes", child);
     move_weights(json, node, child, false);

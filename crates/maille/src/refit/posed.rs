@@ -7,7 +7,7 @@ use crate::Control;
 use crate::control::Cancelled;
 use crate::measure::triangle::{at, closest_on_triangle, scaled_normal};
 use crate::measure::{Bvh, SurfaceSampler};
-use crate::mesh::{Attribute, Mesh, Semantic};
+use crate::mesh::{Mesh, Semantic, Values};
 use crate::skin::{Influences, Pose};
 
 /// How to [`refit_in_poses`].
@@ -378,7 +378,7 @@ impl<'a> Rig<'a> {
             }
             (rows, [forward, share * backward / areas.max(f64::MIN_POSITIVE)])
         };
-        let all: Vec<(Vec<(u32, Row)>, [f64; 2])> = samples.poses.par_iter().enumerate().map(of_pose).collect();
+        let all: Vec<(Vec<_>, [f64; 2])> = samples.poses.par_iter().enumerate().map(of_pose).collect();
         let weights: f64 = samples.poses.iter().flatten().map(|sample| sample.weight).sum();
         let mut by_triangle = vec![Vec::new(); self.triangles.len()];
         let mut mean_sq = [0.0; 2];
@@ -405,8 +405,8 @@ impl<'a> Rig<'a> {
                     let from = r[i].transpose() * row.weights[i];
                     sum.wanted[i] += from * wanted;
                     let left = from * metric;
-                    for j in 0..3 {
-                        sum.pairs[i][j] += left * r[j] * row.weights[j];
+                    for (pair, (r, weight)) in sum.pairs[i].iter_mut().zip(r.iter().zip(row.weights)) {
+                        *pair += left * *r * weight;
                     }
                 }
             }
@@ -562,34 +562,25 @@ impl<'a> Rig<'a> {
             return;
         }
         let vertices = mesh.wedge_vertices.clone();
-        let mut set = 0;
-        loop {
-            let Some(joints) = mesh.wedge_attributes.iter().position(|a| a.semantic == Semantic::Joints(set)) else {
-                break;
-            };
-            let Some(weights) = mesh.wedge_attributes.iter().position(|a| a.semantic == Semantic::Weights(set)) else {
-                break;
-            };
-            for (w, &v) in vertices.iter().enumerate() {
-                let mut all = self.influences[v as usize].clone();
-                all.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-                let places = 4 * set as usize..4 * set as usize + 4;
-                for (k, place) in places.enumerate() {
-                    let (joint, weight) = all.get(place).copied().unwrap_or((0, 0.0));
-                    put(&mut mesh.wedge_attributes[joints], 4 * w + k, joint);
-                    if let Some(values) = mesh.wedge_attributes[weights].as_f32_mut() {
-                        values[4 * w + k] = weight as f32;
-                    }
+        let mut influences = self.influences.clone();
+        influences.iter_mut().for_each(|all| all.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0))));
+        let place_of = |mesh: &Mesh, semantic| mesh.wedge_attributes.iter().position(|a| a.semantic == semantic);
+        let mut first = 0;
+        for set in 0.. {
+            let places = [Semantic::Joints(set), Semantic::Weights(set)].map(|semantic| place_of(mesh, semantic));
+            let [Some(joints), Some(weights)] = places else { break };
+            for (slot, k) in (0..vertices.len()).flat_map(|w| (0..4).map(move |k| (4 * w + k, k))) {
+                let of_vertex = &influences[vertices[slot / 4] as usize];
+                let (joint, weight) = of_vertex.get(first + k).copied().unwrap_or((0, 0.0));
+                if let Values::U32(values) = &mut mesh.wedge_attributes[joints].values {
+                    values[slot] = joint;
+                }
+                if let Values::F32(values) = &mut mesh.wedge_attributes[weights].values {
+                    values[slot] = weight as f32;
                 }
             }
-            set += 1;
+            first += 4;
         }
-    }
-}
-
-fn put(attribute: &mut Attribute, place: usize, value: u32) {
-    if let crate::mesh::Values::U32(values) = &mut attribute.values {
-        values[place] = value;
     }
 }
 
