@@ -157,10 +157,16 @@ fn numbered(mut mesh: Mesh, recording: Recording) -> (Mesh, CollapseLog) {
         } else {
             collapses.iter().map(|record| record.changed_end).collect()
         },
+        triangles: counts.iter().map(|counts| counts.triangles).collect(),
+        wedges: counts.iter().map(|counts| counts.wedges).collect(),
+        vertices: if counts.iter().all(|counts| counts.vertices == counts.wedges) {
+            Vec::new()
+        } else {
+            counts.iter().map(|counts| counts.vertices).collect()
+        },
         changed: changed.into_iter().map(|wedge| wedges.get(wedge)).collect(),
         rows,
         vertex_rows,
-        counts,
         vertex_parents,
         wedge_parents,
         corner_ends,

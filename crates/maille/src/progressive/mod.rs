@@ -16,7 +16,7 @@ use crate::simplify::{Lifted, Rows, attributes_of_wedges_mut};
 /// triangles that get another wedge, the position of the vertex that stays, attributes that were blended. Steps exchange what
 /// the tables hold with what the arrays hold, so going to the base and back gives the same bits.
 ///
-/// Memory beyond the mesh: about 57 bytes per collapse, and the attributes that it has changed.
+/// Memory beyond the mesh: about 56 bytes per collapse, and the attributes that it has changed.
 ///
 /// # Examples
 /// ```
@@ -59,8 +59,12 @@ pub struct Counts {
 /// first; so most of what there is to know of a collapse is found by the number of what goes.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct CollapseLog {
-    /// Before the first collapse and after each.
-    counts: Vec<Counts>,
+    /// Triangles before the first collapse and after each.
+    triangles: Vec<u32>,
+    /// Wedges.
+    wedges: Vec<u32>,
+    /// Vertices; empty where these are always as many as wedges.
+    vertices: Vec<u32>,
     /// Error of each collapse, in model units.
     errors: Vec<f32>,
     /// What each collapse costs, as the metric of the simplifier has it; never less than the one before.
@@ -86,6 +90,15 @@ struct CollapseLog {
     vertex_rows: Rows,
 }
 
+impl CollapseLog {
+    #[inline]
+    fn counts(&self, collapses: usize) -> Counts {
+        let wedges = self.wedges[collapses];
+        let vertices = self.vertices.get(collapses).copied().unwrap_or(wedges);
+        Counts { vertices, wedges, triangles: self.triangles[collapses] }
+    }
+}
+
 /// The elements that belong to number i, if each number's end is known.
 fn range_of(ends: &[u32], i: usize) -> std::ops::Range<usize> {
     let start = if i == 0 { 0 } else { ends[i - 1] };
@@ -108,17 +121,17 @@ impl ProgressiveMesh {
     /// # Panics
     /// If there are not so many collapses.
     pub fn counts_at(&self, collapses: usize) -> Counts {
-        self.log.counts[collapses]
+        self.log.counts(collapses)
     }
 
     /// How much the level has that the mesh is at.
     pub fn counts(&self) -> Counts {
-        self.log.counts[self.at]
+        self.log.counts(self.at)
     }
 
     /// How many collapses lead to the finest level of at most so many triangles; to the base, if even that has more.
     pub fn collapses_to(&self, triangles: usize) -> usize {
-        let enough = self.log.counts.partition_point(|counts| counts.triangles as usize > triangles);
+        let enough = self.log.triangles.partition_point(|&count| count as usize > triangles);
         self.whole(enough.min(self.collapse_count()))
     }
 
@@ -144,6 +157,18 @@ impl ProgressiveMesh {
     /// levels of equal cost belong together.
     pub fn costs(&self) -> &[f32] {
         &self.log.costs
+    }
+
+    /// Bytes that it takes to make and undo all collapses, beyond the mesh.
+    pub fn log_bytes(&self) -> usize {
+        let log = &self.log;
+        let rows = log.rows.0.iter().chain(&log.vertex_rows.0).map(Values::len).sum::<usize>();
+        let words = [&log.vertex_parents, &log.wedge_parents, &log.corner_ends, &log.corners, &log.followers]
+            .into_iter()
+            .chain([&log.changed_ends, &log.changed, &log.triangles, &log.wedges, &log.vertices])
+            .map(Vec::len)
+            .sum::<usize>();
+        4 * (words + rows + log.errors.len() + log.costs.len() + 3 * log.positions.len())
     }
 
     /// Positions of the vertices of the level.
@@ -176,7 +201,7 @@ impl ProgressiveMesh {
 
     /// Makes a collapse.
     fn collapse(&mut self, step: usize) {
-        let [before, after] = [self.log.counts[step], self.log.counts[step + 1]];
+        let [before, after] = [self.log.counts(step), self.log.counts(step + 1)];
         for wedge in after.wedges..before.wedges {
             self.rename_corners(wedge, self.log.wedge_parents[wedge as usize]);
         }
@@ -185,7 +210,7 @@ impl ProgressiveMesh {
 
     /// Undoes a collapse.
     fn split(&mut self, step: usize) {
-        let [before, after] = [self.log.counts[step], self.log.counts[step + 1]];
+        let [before, after] = [self.log.counts(step), self.log.counts(step + 1)];
         for wedge in after.wedges..before.wedges {
             self.rename_corners(wedge, wedge);
         }
@@ -257,7 +282,7 @@ impl ProgressiveMesh {
     pub fn correspondence(&mut self, [finer, coarser]: [usize; 2], meshes: [&Mesh; 2]) -> Correspondence {
         assert!(finer <= coarser, "the finer level comes first");
         self.seek(coarser);
-        let [from, to] = [finer, coarser].map(|at| self.log.counts[at]);
+        let [from, to] = [finer, coarser].map(|at| self.log.counts(at));
         assert_eq!([from.wedges, to.wedges].map(|n| n as usize), meshes.map(Mesh::wedge_count), "meshes of the levels");
         let merged = self.followed(&self.log.wedge_parents, to.wedges);
         let vertices = self.vertices_at(coarser);
@@ -285,7 +310,7 @@ impl ProgressiveMesh {
     /// The vertex that each vertex of the finest level has become part of after some collapses; of a part of the surface that
     /// is no more, the last vertex of it that there was.
     fn vertices_at(&self, collapses: usize) -> Vec<u32> {
-        self.followed(&self.log.vertex_parents, self.log.counts[collapses].vertices)
+        self.followed(&self.log.vertex_parents, self.log.counts(collapses).vertices)
     }
 
     /// Where each number leads that is not below `count`. Parents have lower numbers than children.

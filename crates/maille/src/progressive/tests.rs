@@ -230,3 +230,10 @@ fn a_morph_ends_as_the_coarser_level() {
     geomorph.morph(0.0, &mut morphed);
     assert_eq!(morphed, start);
 }
+
+#[test]
+fn the_log_of_a_bare_mesh_takes_little() {
+    let progressive = progressive(&shapes::sphere(5), &SimplifyOptions::default());
+    let each = progressive.log_bytes() as f64 / progressive.collapse_count() as f64;
+    assert!(each <= 60.0, "{each} bytes per collapse");
+}
