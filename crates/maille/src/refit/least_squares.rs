@@ -192,31 +192,41 @@ impl Fit {
 
     /// The moves of all vertices.
     pub(super) fn solve(&self) -> Vec<DVec3> {
-        let mut residual: Vec<DVec3> = self.chunks.iter().flat_map(|equations| &equations.wanted).copied().collect();
-        let mut x = vec![DVec3::ZERO; residual.len()];
+        let wanted = self.chunks.iter().flat_map(|equations| &equations.wanted).copied().collect();
         let precondition = |r: &[DVec3]| -> Vec<DVec3> {
             let inverse = self.chunks.iter().flat_map(|equations| &equations.inverse);
             r.iter().zip(inverse).map(|(&r, m)| m.times(r)).collect()
         };
-        let mut direction = precondition(&residual);
-        let mut strength = dot(&residual, &direction);
-        let enough = strength * ENOUGH * ENOUGH;
-        for _ in 0..STEPS {
-            if strength <= enough {
-                break;
-            }
-            let image = self.times_matrix(&direction);
-            let step = strength / dot(&direction, &image);
-            x.iter_mut().zip(&direction).for_each(|(x, d)| *x += *d * step);
-            residual.iter_mut().zip(&image).for_each(|(r, i)| *r -= *i * step);
-            let better = precondition(&residual);
-            let now = dot(&residual, &better);
-            let turn = now / strength;
-            strength = now;
-            direction.iter_mut().zip(&better).for_each(|(d, b)| *d = *b + *d * turn);
-        }
-        x
+        conjugate_gradients(|x| self.times_matrix(x), precondition, wanted)
     }
+}
+
+/// Solves a symmetric system from nothing, given the product with its matrix and something near the product with the inverse
+/// of that.
+pub(super) fn conjugate_gradients(
+    times: impl Fn(&[DVec3]) -> Vec<DVec3>,
+    precondition: impl Fn(&[DVec3]) -> Vec<DVec3>,
+    mut residual: Vec<DVec3>,
+) -> Vec<DVec3> {
+    let mut x = vec![DVec3::ZERO; residual.len()];
+    let mut direction = precondition(&residual);
+    let mut strength = dot(&residual, &direction);
+    let enough = strength * ENOUGH * ENOUGH;
+    for _ in 0..STEPS {
+        if strength <= enough {
+            break;
+        }
+        let image = times(&direction);
+        let step = strength / dot(&direction, &image);
+        x.iter_mut().zip(&direction).for_each(|(x, d)| *x += *d * step);
+        residual.iter_mut().zip(&image).for_each(|(r, i)| *r -= *i * step);
+        let better = precondition(&residual);
+        let now = dot(&residual, &better);
+        let turn = now / strength;
+        strength = now;
+        direction.iter_mut().zip(&better).for_each(|(d, b)| *d = *b + *d * turn);
+    }
+    x
 }
 
 /// Items by the group that each belongs to.

@@ -3,6 +3,7 @@
 use glam::{DAffine3, DMat3, DMat4, DVec3};
 use rayon::prelude::*;
 
+use super::least_squares::conjugate_gradients;
 use crate::Control;
 use crate::control::Cancelled;
 use crate::measure::triangle::{at, closest_on_triangle, scaled_normal};
@@ -442,7 +443,8 @@ impl<'a> Rig<'a> {
             y
         };
         wanted.iter_mut().zip(&inverse).filter(|(_, m)| **m == DMat3::ZERO).for_each(|(w, _)| *w = DVec3::ZERO);
-        conjugate_gradients(times, &inverse, wanted)
+        let precondition = |r: &[DVec3]| r.iter().zip(&inverse).map(|(r, m)| *m * *r).collect();
+        conjugate_gradients(times, precondition, wanted)
     }
 
     /// Finds the weights of each vertex, the others given.
@@ -598,34 +600,6 @@ impl Default for Block {
 
 fn trace(m: &DMat3) -> f64 {
     m.x_axis.x + m.y_axis.y + m.z_axis.z
-}
-
-fn conjugate_gradients(
-    times: impl Fn(&[DVec3]) -> Vec<DVec3>,
-    inverse: &[DMat3],
-    mut residual: Vec<DVec3>,
-) -> Vec<DVec3> {
-    let dot = |a: &[DVec3], b: &[DVec3]| a.iter().zip(b).map(|(a, b)| a.dot(*b)).sum::<f64>();
-    let precondition = |r: &[DVec3]| -> Vec<DVec3> { r.iter().zip(inverse).map(|(r, m)| *m * *r).collect() };
-    let mut x = vec![DVec3::ZERO; residual.len()];
-    let mut direction = precondition(&residual);
-    let mut strength = dot(&residual, &direction);
-    let enough = strength * 1e-6;
-    for _ in 0..16 {
-        if strength <= enough {
-            break;
-        }
-        let image = times(&direction);
-        let step = strength / dot(&direction, &image);
-        x.iter_mut().zip(&direction).for_each(|(x, d)| *x += *d * step);
-        residual.iter_mut().zip(&image).for_each(|(r, i)| *r -= *i * step);
-        let better = precondition(&residual);
-        let now = dot(&residual, &better);
-        let turn = now / strength;
-        strength = now;
-        direction.iter_mut().zip(&better).for_each(|(d, b)| *d = *b + *d * turn);
-    }
-    x
 }
 
 /// The weights, not negative and of sum 1, of at most `most` elements, for which `w' H w / 2 - g' w` is least: those that
