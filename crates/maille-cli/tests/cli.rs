@@ -104,6 +104,17 @@ fn lod_makes_a_chain_in_one_file_or_several() {
 }
 
 #[test]
+fn lod_keeps_the_original_and_makes_no_chain_of_a_chain() {
+    let folder = with_sphere("a_LOD0.ply");
+    let run = folder.run(&["lod", "a_LOD0.ply", "-o", "a.ply", "--levels", "25%"]);
+    assert!(run.code == 2 && run.stderr.contains("this is the input"), "{}", run.stderr);
+    folder.done(&["lod", "a_LOD0.ply", "-o", "b.glb", "--levels", "25%"]);
+    let run = folder.run(&["lod", "b.glb", "-o", "c.glb", "--levels", "25%"]);
+    assert!(run.code == 1 && run.stderr.contains("levels of detail already"), "{}", run.stderr);
+    assert_eq!(folder.names(), ["a_LOD0.ply", "b.glb"]);
+}
+
+#[test]
 fn lod_tells_which_clips_there_are() {
     let folder = Folder::new();
     folder.done(&["sample", "character", "-o", "c.glb", "--triangles", "2000"]);

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::sync::Arc;
 
 use glam::{DMat4, DVec3, Vec3};
-use maille::skin::Clip;
+use maille::skin::{Clip, Influences};
 use maille::{Mesh, Semantic};
 
 use crate::Animation;
@@ -116,6 +116,11 @@ impl Asset {
         &self.clips
     }
 
+    /// Whether some of its nodes list levels of detail (`MSFT_lod`).
+    pub fn has_levels(&self) -> bool {
+        matches!(&self.source, Source::Gltf(document) if document.has_levels())
+    }
+
     /// A clip, ready to tell where everything is at a time.
     ///
     /// # Panics
@@ -195,18 +200,6 @@ impl Instance {
     /// If there is no such wedge.
     pub fn wedge_matrix(&self, mesh: &Mesh, wedge: usize) -> DMat4 {
         let Some(matrices) = &self.joint_matrices else { return self.transform };
-        let (mut sum, mut total) = (DMat4::ZERO, 0.0);
-        for set in 0.. {
-            let joints = mesh.wedge_attribute(&Semantic::Joints(set)).and_then(|a| a.as_u32());
-            let weights = mesh.wedge_attribute(&Semantic::Weights(set)).and_then(|a| a.as_f32());
-            let (Some(joints), Some(weights)) = (joints, weights) else { break };
-            for k in 4 * wedge..4 * wedge + 4 {
-                if let Some(matrix) = matrices.get(joints[k] as usize) {
-                    sum += *matrix * f64::from(weights[k]);
-                    total += f64::from(weights[k]);
-                }
-            }
-        }
-        if total > 0.0 { sum * total.recip() } else { DMat4::IDENTITY }
+        Influences::of(mesh).blend(wedge as u32, matrices)
     }
 }

@@ -110,8 +110,9 @@ impl Part {
     /// How many there may be at most: none of the meshes vanishes.
     fn most_collapses(&self) -> usize {
         let least = FEWEST.min(self.progressive.counts_at(0).triangles as usize);
-        let at = self.progressive.collapses_to(least);
-        if (self.progressive.counts_at(at).triangles as usize) < least { at - 1 } else { at }
+        let has_enough = |at: usize| self.progressive.counts_at(at).triangles as usize >= least;
+        let places = (0..=self.progressive.collapses_to(least)).rev();
+        places.into_iter().find(|&at| has_enough(at) && self.progressive.whole(at) == at).unwrap_or(0)
     }
 
     fn drawn_at(&self, collapses: usize) -> usize {

@@ -36,7 +36,8 @@ const POINTS: usize = 300;
 /// How much the pose at rest counts, relative to all clips.
 const REST: f64 = 0.05;
 
-/// The poses of each mesh; none for a mesh that is to be looked at as it is stored.
+/// The poses of each mesh; none for a mesh that is to be looked at as it is stored, such as one without a skin and morph
+/// targets.
 ///
 /// # Panics
 /// If there is no such clip.
@@ -52,7 +53,11 @@ pub fn poses_of(asset: &Asset, set: &PoseSet) -> Vec<Vec<Pose>> {
 /// The meshes as they are drawn at one moment.
 fn poses_in(asset: &Asset, instances: &[Instance], share: f64) -> Vec<Vec<Pose>> {
     let mut poses = vec![Vec::new(); asset.meshes.len()];
-    for instance in instances {
+    // what is only moved looks the same from everywhere
+    let deforms = |instance: &&Instance| {
+        instance.joint_matrices.is_some() || !asset.meshes[instance.mesh].mesh.morph_targets.is_empty()
+    };
+    for instance in instances.iter().filter(deforms) {
         poses[instance.mesh].push(Pose {
             joint_matrices: instance.joint_matrices.as_deref().map_or_else(Vec::new, <[_]>::to_vec),
             transform: instance.transform,

@@ -227,18 +227,8 @@ pub fn find_attribute<'a>(mesh: &'a Mesh, name: &str) -> Option<&'a Attribute> {
     let attributes = mesh.wedge_attributes.iter().chain(&mesh.vertex_attributes);
     attributes.filter(|a| a.as_f32().is_some()).find(|a| {
         let own = a.semantic.to_string();
-        own.eq_ignore_ascii_case(name) || gltf_name(&a.semantic).is_some_and(|gltf| gltf.eq_ignore_ascii_case(name))
+        own.eq_ignore_ascii_case(name) || a.semantic.gltf_name().eq_ignore_ascii_case(name)
     })
-}
-
-fn gltf_name(semantic: &Semantic) -> Option<String> {
-    match semantic {
-        Semantic::Normal => Some("NORMAL".to_owned()),
-        Semantic::Color(n) => Some(format!("COLOR_{n}")),
-        Semantic::TexCoord(n) => Some(format!("TEXCOORD_{n}")),
-        Semantic::Weights(n) => Some(format!("WEIGHTS_{n}")),
-        _ => None,
-    }
 }
 
 fn require_attribute(asset: &Asset, name: &str) -> Result<(), ProcessError> {

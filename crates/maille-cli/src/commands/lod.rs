@@ -21,13 +21,13 @@ const POSES: usize = 16;
 pub(crate) fn run(args: &LodArgs) -> Result<(), Failure> {
     super::check_output(&args.output)?;
     let in_one_file = !args.split_files && matches!(Format::from_path(&args.output), Some(Format::Gltf | Format::Glb));
-    if in_one_file && super::is_same_file(&args.input, &args.output) {
-        let message = "this is the input; give another name to keep it";
-        return Err(Failure::Usage(format!("{}: {message}", args.output.display())));
-    }
     let session = Session::start(&args.common)?;
     let mut ledger = Ledger::new(false);
     let asset = ledger.stage("read", |_| session.read(&args.input))?;
+    if asset.has_levels() {
+        let message = "the file has levels of detail already (make the chain of the original)";
+        return Err(Failure::about(&args.input, message));
+    }
     let poses = poses(args, &asset)?;
     let options = LodOptions {
         simplify: SimplifyOptions::default(),
@@ -36,20 +36,32 @@ pub(crate) fn run(args: &LodArgs) -> Result<(), Failure> {
         poses,
         geomorph: args.geomorph,
     };
+    let count = 1 + options.levels.len();
+    let paths = if in_one_file { vec![args.output.clone()] } else { paths(&args.output).take(count).collect() };
+    if let Some(path) = paths.iter().find(|path| super::is_same_file(&args.input, path)) {
+        let message = "this is the input; give another name to keep it";
+        return Err(Failure::Usage(format!("{}: {message}", path.display())));
+    }
     let chain = ledger.stage("levels", |times| {
         let control = session.control();
         lod_chain(&asset, &options, control.with_times(times)).map_err(|error| refusal(&args.input, &error))
     })?;
     session.checkpoint()?;
+    for (k, (level, wanted)) in chain.levels.iter().zip(&options.levels).enumerate() {
+        if level.triangles > *wanted {
+            let (found, wanted) = (output::count(level.triangles), output::count(*wanted));
+            session.note(&format!("level {} has {found} triangles, not {wanted}: no more may collapse", k + 1));
+        }
+    }
     let files = ledger.stage("write", |_| -> Result<_, Failure> {
         if in_one_file {
             let written = session.write(&asset.with_levels(&chain), &args.output, &WriteOptions::default())?;
             return Ok(written.files);
         }
         let mut files = Vec::new();
-        for (level, path) in std::iter::once(None).chain(chain.levels.iter().map(Some)).zip(paths(&args.output)) {
+        for (level, path) in std::iter::once(None).chain(chain.levels.iter().map(Some)).zip(&paths) {
             let asset = level.map_or_else(|| asset.clone(), |level| asset.at_level(level));
-            files.extend(session.write(&asset, &path, &WriteOptions::default())?.files);
+            files.extend(session.write(&asset, path, &WriteOptions::default())?.files);
         }
         Ok(files)
     })?;

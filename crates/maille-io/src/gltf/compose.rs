@@ -412,16 +412,10 @@ fn named(attributes: Option<&Value>, semantic: &Semantic) -> Option<String> {
 /// The name in glTF of an attribute that comes from elsewhere.
 fn new_name(semantic: &Semantic) -> String {
     match semantic {
-        Semantic::Position => "POSITION".to_owned(),
-        Semantic::Normal => "NORMAL".to_owned(),
-        Semantic::Tangent => "TANGENT".to_owned(),
-        Semantic::Color(n) => format!("COLOR_{n}"),
-        Semantic::TexCoord(n) => format!("TEXCOORD_{n}"),
-        Semantic::Joints(n) => format!("JOINTS_{n}"),
-        Semantic::Weights(n) => format!("WEIGHTS_{n}"),
         // names of one's own begin with an underscore
         Semantic::Custom(name) if name.starts_with('_') => name.to_uppercase(),
         Semantic::Custom(name) => format!("_{}", name.to_uppercase()),
+        known => known.gltf_name().into_owned(),
     }
 }
 

@@ -18,6 +18,11 @@ const MSFT_LOD: &str = "MSFT_lod";
 const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 
 impl Document {
+    /// Whether nodes list levels.
+    pub(crate) fn has_levels(&self) -> bool {
+        self.list("nodes").iter().any(|node| extension(node, MSFT_LOD).is_some())
+    }
+
     /// The document with nodes and meshes for the levels of its meshes, and all meshes, in its order: `meshes` and then
     /// those of the levels.
     pub(super) fn with_levels(&self, meshes: &[NamedMesh], chain: &LodChain) -> (Self, Vec<NamedMesh>) {

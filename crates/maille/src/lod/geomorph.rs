@@ -296,17 +296,12 @@ impl Geomorph {
         self.morph(1.0, &mut end);
         let position = Attribute::new_f32(Semantic::Position, 3, end.positions.into_flattened());
         let named = |attribute: Attribute| {
-            let name = match &attribute.semantic {
-                Semantic::Position => "POSITION".to_owned(),
-                Semantic::Normal => "NORMAL".to_owned(),
-                Semantic::Tangent => "TANGENT".to_owned(),
-                Semantic::TexCoord(n) => format!("TEXCOORD_{n}"),
-                Semantic::Color(n) => format!("COLOR_{n}"),
-                Semantic::Joints(n) => format!("JOINTS_{n}"),
-                Semantic::Weights(n) => format!("WEIGHTS_{n}"),
-                Semantic::Custom(_) => return None,
-            };
-            Some(Attribute { semantic: Semantic::Custom(format!("_MORPH_{name}")), ..attribute })
+            if matches!(attribute.semantic, Semantic::Custom(_)) {
+                return None;
+            }
+            let name = attribute.semantic.gltf_name();
+            let semantic = Semantic::Custom(format!("_MORPH_{name}"));
+            Some(Attribute { semantic, ..attribute })
         };
         std::iter::once(position).chain(end.attributes).filter_map(named).collect()
     }

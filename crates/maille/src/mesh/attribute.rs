@@ -1,5 +1,7 @@
 //! Named attributes: what a wedge, a vertex or a triangle carries besides its position.
 
+use std::borrow::Cow;
+
 /// What an attribute means, by the vocabulary of glTF.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Semantic {
@@ -19,6 +21,22 @@ pub enum Semantic {
     Weights(u32),
     /// Anything else, by the name its file gives it.
     Custom(String),
+}
+
+impl Semantic {
+    /// The name that it has in glTF: `POSITION`, `TEXCOORD_0`, ...; what is custom, the name of its file.
+    pub fn gltf_name(&self) -> Cow<'_, str> {
+        match self {
+            Self::Position => "POSITION".into(),
+            Self::Normal => "NORMAL".into(),
+            Self::Tangent => "TANGENT".into(),
+            Self::Color(n) => format!("COLOR_{n}").into(),
+            Self::TexCoord(n) => format!("TEXCOORD_{n}").into(),
+            Self::Joints(n) => format!("JOINTS_{n}").into(),
+            Self::Weights(n) => format!("WEIGHTS_{n}").into(),
+            Self::Custom(name) => name.into(),
+        }
+    }
 }
 
 impl std::fmt::Display for Semantic {

@@ -4,6 +4,7 @@ use glam::{DAffine3, DMat3, DMat4, DVec3};
 use rayon::prelude::*;
 
 use super::least_squares::conjugate_gradients;
+use super::{Sides, vertex};
 use crate::Control;
 use crate::control::Cancelled;
 use crate::measure::triangle::{at, closest_on_triangle, scaled_normal};
@@ -72,7 +73,8 @@ pub fn refit_in_poses(
     }
     let samples = Samples::new(mesh, original, poses, options);
     let mut rig = Rig::new(mesh, poses, options);
-    let fixed = fixed_vertices(mesh, &options.fixed);
+    let wanted = (0..mesh.vertex_count()).map(|v| options.fixed.get(v) == Some(&true));
+    let fixed = Sides::new(&rig.triangles).fixed_vertices(&rig.triangles, wanted);
     let mut rows = rig.rows(&samples);
     report.rms_before = rows.rms();
     report.rms_after = report.rms_before;
@@ -83,7 +85,7 @@ pub fn refit_in_poses(
         }
         let before = (rig.points.clone(), rig.influences.clone());
         if rig.fits_weights {
-            rig.fit_weights(&rows, &samples.candidates(&rows, rig.points.len(), &rig.triangles));
+            rig.fit_weights(&rows, &options.fixed, &samples.candidates(&rows, rig.points.len(), &rig.triangles));
         }
         let moves = rig.moves(&rows, &fixed);
         rig.points.iter_mut().zip(&moves).for_each(|(point, by)| *point += *by);
@@ -447,8 +449,8 @@ impl<'a> Rig<'a> {
         conjugate_gradients(times, precondition, wanted)
     }
 
-    /// Finds the weights of each vertex, the others given.
-    fn fit_weights(&mut self, rows: &Rows, candidates: &[Vec<u32>]) {
+    /// Finds the weights of each vertex that is not to stay, the others given.
+    fn fit_weights(&mut self, rows: &Rows, fixed: &[bool], candidates: &[Vec<u32>]) {
         let mut around: Vec<Vec<(u32, u8)>> = vec![Vec::new(); self.points.len()];
         for (t, corners) in (0..).zip(&self.triangles) {
             (0..).zip(corners).for_each(|(k, &v)| around[v as usize].push((t, k)));
@@ -463,7 +465,7 @@ impl<'a> Rig<'a> {
                     .iter()
                     .filter(|joint| !self.influences[v as usize].iter().any(|(known, _)| known == *joint)),
             );
-            if joints.len() < 2 {
+            if joints.len() < 2 || fixed.get(v as usize) == Some(&true) {
                 continue;
             }
             let now: Vec<f64> = joints
@@ -528,7 +530,7 @@ impl<'a> Rig<'a> {
         (self.points, self.influences) = (points.to_vec(), influences.to_vec());
         let before: Vec<Vec<DVec3>> = (0..self.poses.len()).into_par_iter().map(|k| self.posed(k)).collect();
         let mut is_back = vec![false; points.len()];
-        for _ in 0..8 {
+        loop {
             let place =
                 |k: usize, v: u32| if is_back[v as usize] { before[k][v as usize] } else { after[k][v as usize] };
             let is_bad = |corners: &[u32; 3]| {
@@ -649,27 +651,6 @@ fn solve_with_sum_one(h: &[f64], g: &[f64], n: usize, active: &[usize]) -> Vec<f
         }
     }
     (0..m).map(|i| a[i * width + m + 1] / a[i * width + i]).collect()
-}
-
-/// Vertices that stay: by wish, and on open borders.
-fn fixed_vertices(mesh: &Mesh, wanted: &[bool]) -> Vec<bool> {
-    let mut fixed = if wanted.is_empty() { vec![false; mesh.vertex_count()] } else { wanted.to_vec() };
-    let mut edges: Vec<(u32, u32)> = (0..mesh.triangle_count())
-        .flat_map(|t| {
-            let [a, b, c] = mesh.triangle_vertices(t);
-            [(a, b), (b, c), (c, a)].map(|(a, b)| (a.min(b), a.max(b)))
-        })
-        .collect();
-    edges.sort_unstable();
-    for same in edges.chunk_by(|a, b| a == b).filter(|same| same.len() != 2) {
-        fixed[same[0].0 as usize] = true;
-        fixed[same[0].1 as usize] = true;
-    }
-    fixed
-}
-
-fn vertex(mesh: &Mesh, v: u32) -> DVec3 {
-    glam::Vec3::from(mesh.positions[v as usize]).as_dvec3()
 }
 
 #[cfg(test)]

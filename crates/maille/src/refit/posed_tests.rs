@@ -115,13 +115,16 @@ fn what_is_fixed_stays() {
     let original = arm();
     let poses = bent(&[0.0, 1.0]);
     let mut mesh = simplified(&original, 300, &poses);
-    let before = mesh.positions.clone();
+    let (still, before) = (mesh.clone(), mesh.positions.clone());
     let fixed: Vec<bool> = (0..mesh.vertex_count()).map(|v| v % 3 == 0).collect();
     let options = PosedRefitOptions { fixed: fixed.clone(), ..PosedRefitOptions::default() };
     refit_in_poses(&mut mesh, &original, &poses, &options, Control::default()).expect("nobody cancels");
     for (v, _) in fixed.iter().enumerate().filter(|(_, fixed)| **fixed) {
         assert_eq!(mesh.positions[v], before[v]);
     }
+    let weights = |mesh: &Mesh, v: usize| -> Vec<(u32, f32)> { Influences::of(mesh).of_wedge(v as u32).collect() };
+    let kept = (0..fixed.len()).filter(|&v| fixed[v]).all(|v| weights(&mesh, v) == weights(&still, v));
+    assert!(kept, "weights, too");
     assert_ne!(mesh.positions, before);
 }
 

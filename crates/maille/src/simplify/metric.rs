@@ -303,7 +303,7 @@ impl QuadricMetric {
 
     /// As [`Metric::evaluate`], over poses: the planes that the merged vertex sees depend on where on the edge it will be,
     /// so that is asked twice.
-    #[cold]
+    #[inline(never)] // what looks at no poses stays small
     fn evaluate_in_poses(&self, more: &Quadric, edge: &EdgeContext) -> Candidate {
         let guess = match edge.anchor {
             Anchor::Free => 0.5,

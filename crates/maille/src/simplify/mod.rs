@@ -584,6 +584,32 @@ fn check_options(mesh: &Mesh, options: &SimplifyOptions) -> Result<(), SimplifyE
     if !options.max_texture_error.is_none_or(positive) {
         return invalid("max_texture_error", "must be finite and not negative");
     }
+    if !options.poses.is_empty() {
+        let sees_poses = !matches!(
+            options.metric,
+            MetricKind::ShortestEdge
+                | MetricKind::LindstromTurk
+                | MetricKind::ProbabilisticPlane
+                | MetricKind::ProbabilisticTriangle
+                | MetricKind::LineQuadrics
+        ) && options.quadric_weight == QuadricWeight::Area
+            && options.attribute_metric == AttributeMetricKind::Gradients;
+        if !sees_poses {
+            return invalid("poses", "only quadrics of planes weighted by area are summed over them");
+        }
+        let shares = || options.poses.iter().map(|pose| pose.share);
+        let is_finite = options.poses.iter().all(|pose| {
+            pose.transform.is_finite()
+                && pose.joint_matrices.iter().all(|matrix| matrix.is_finite())
+                && pose.morph_weights.iter().all(|weight| weight.is_finite())
+        });
+        if !shares().all(positive) || shares().sum::<f64>() <= 0.0 || !is_finite {
+            return invalid(
+                "poses",
+                "matrices and weights must be finite, shares not negative, and one of them more than 0",
+            );
+        }
+    }
     if options.max_influences == Some(0) {
         return invalid("max_influences", "at least one joint must move a wedge");
     }

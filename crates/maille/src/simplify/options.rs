@@ -343,7 +343,8 @@ pub struct SimplifyOptions {
     /// the order [`Spatial`](Order::Spatial), and 6 bytes per triangle.
     pub no_self_intersections: bool,
     /// Poses in which quadric metrics look at the surface, instead of where its vertices are stored: the costs of all are
-    /// added, each times its share. Rules passes out; time and memory grow with the number of poses. Empty: none.
+    /// added, each times its share. For plane quadrics weighted by area. Rules passes out; time and memory grow with the number
+    /// of poses. Empty: none.
     pub poses: Vec<Pose>,
     /// Also join vertex pairs without an edge that are closer than this distance, in model units.
     pub join_distance: Option<f64>,

@@ -55,3 +55,18 @@ fn planes_seen_at_rest_are_the_planes() {
         assert!((a.cost / b.cost - 1.0).abs() < 1e-2 && a.position.distance(b.position) < 1e-3 * length, "{a:?} {b:?}");
     }
 }
+
+#[test]
+fn poses_that_make_no_sense_are_refused() {
+    let mesh = shapes::sphere(2);
+    let refused = |options: SimplifyOptions| {
+        let refused = simplify(&mut mesh.clone(), &options, Control::default());
+        assert!(matches!(refused, Err(SimplifyError::InvalidOption { name: "poses", .. })), "{refused:?}");
+    };
+    let at_rest = || vec![Pose::default()];
+    refused(SimplifyOptions { poses: vec![Pose { share: f64::NAN, ..Pose::default() }], ..to(20) });
+    refused(SimplifyOptions { poses: vec![Pose { share: 0.0, ..Pose::default() }], ..to(20) });
+    refused(SimplifyOptions { poses: vec![turned(DMat4::NAN)], ..to(20) });
+    refused(SimplifyOptions { poses: at_rest(), metric: MetricKind::LindstromTurk, ..to(20) });
+    refused(SimplifyOptions { poses: at_rest(), quadric_weight: QuadricWeight::Angle, ..to(20) });
+}
