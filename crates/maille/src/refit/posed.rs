@@ -268,6 +268,7 @@ struct Rig<'a> {
     has_skin: bool,
     fits_weights: bool,
     influences: Vec<Vec<(u32, f64)>>,
+    influences_before: Vec<Vec<(u32, f64)>>,
     most: usize,
     scale_sq: f64,
 }
@@ -304,6 +305,7 @@ impl<'a> Rig<'a> {
             offsets,
             has_skin,
             fits_weights: has_skin && options.weights,
+            influences_before: influences.clone(),
             influences,
             most: options.max_influences.map_or(most, |limit| most.min(limit as usize)).max(1),
             scale_sq: mesh.diagonal().powi(2),
@@ -574,7 +576,11 @@ impl<'a> Rig<'a> {
             let places = [Semantic::Joints(set), Semantic::Weights(set)].map(|semantic| place_of(mesh, semantic));
             let [Some(joints), Some(weights)] = places else { break };
             for (slot, k) in (0..vertices.len()).flat_map(|w| (0..4).map(move |k| (4 * w + k, k))) {
-                let of_vertex = &influences[vertices[slot / 4] as usize];
+                let vertex = vertices[slot / 4] as usize;
+                if self.influences[vertex] == self.influences_before[vertex] {
+                    continue; // to the bit, in the order that it has
+                }
+                let of_vertex = &influences[vertex];
                 let (joint, weight) = of_vertex.get(first + k).copied().unwrap_or((0, 0.0));
                 if let Values::U32(values) = &mut mesh.wedge_attributes[joints].values {
                     values[slot] = joint;
