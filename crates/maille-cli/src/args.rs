@@ -1,15 +1,17 @@
 //! The command line: every option, its help and its type, in one place. Help, man pages and completions come from
 //! here. What an option means for the work is decided in [`commands`](crate::commands).
 
+mod collapse;
+
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
 use maille::cluster::ClusterMethod;
 use maille::repair::{self, ParseRepairError, Repair};
-use maille::simplify::{
-    EdgePolicy, MetricKind, NormalPolicy, Order, PlacementKind, QuadricMemory, QuadricWeight, TopologyPolicy,
-};
+use maille::simplify::{MetricKind, Order, PlacementKind, QuadricMemory, TopologyPolicy};
+
+pub(crate) use self::collapse::{CollapseArgs, Normals, Preset, Turn, Weights};
 
 const AFTER_HELP: &str = "\
 Exit codes:
@@ -106,6 +108,9 @@ pub(crate) struct ConvertArgs {
     /// Text instead of binary (PLY, STL); OBJ, OFF and .gltf are text anyway, GLB is not.
     #[arg(long)]
     pub(crate) text: bool,
+    /// Takes one level of a file with levels of detail, alone: 0 is the original.
+    #[arg(long, value_name = "K")]
+    pub(crate) level: Option<usize>,
     #[command(flatten)]
     pub(crate) common: Common,
 }
@@ -204,9 +209,6 @@ pub(crate) struct SimplifyArgs {
         help_heading = "Target")]
     pub(crate) budget: String,
 
-    /// A bundle of method, metric and placement; the options below override its parts.
-    #[arg(long, value_enum, default_value_t = Preset::Balanced, help_heading = "Method")]
-    pub(crate) preset: Preset,
     /// How vertices become fewer. collapse: edges collapse one by one; the others cluster vertices, many times as fast, with
     /// a larger error and any topology: quadric-clustering (Lindstrom), vertex-clustering (Rossignac and Borrel),
     /// mean-clustering, floating-cells (Low and Tan). Clustering knows targets, --importance, --lock and --refit, and
@@ -216,12 +218,6 @@ pub(crate) struct SimplifyArgs {
     /// Cluster vertices first, to this many times the wanted triangles, and collapse the rest: for very large files.
     #[arg(long, value_name = "TIMES", value_parser = parse_multiple, help_heading = "Method")]
     pub(crate) cluster_first: Option<f64>,
-    /// What a collapse costs.
-    #[arg(long, value_name = "NAME", value_parser = named(&METRICS), help_heading = "Method")]
-    pub(crate) metric: Option<String>,
-    /// Where the merged vertex goes.
-    #[arg(long, value_name = "NAME", value_parser = named(&PLACEMENTS), help_heading = "Method")]
-    pub(crate) placement: Option<String>,
     /// In which order edges collapse. exact: the cheapest first; spatial: while many are left, costs within a factor of
     /// 1.5 count as equal, and near edges follow each other; passes: while very many are left, all cores take cheap edges
     /// that do not touch one another, then as spatial. Default: passes.
@@ -232,100 +228,8 @@ pub(crate) struct SimplifyArgs {
     #[arg(long, value_name = "yes|no", num_args = 0..=1, default_missing_value = "yes", require_equals = true,
         value_parser = clap::builder::BoolishValueParser::new(), help_heading = "Method")]
     pub(crate) refit: Option<bool>,
-    /// How the triangles' planes are weighted in quadric metrics.
-    #[arg(long, value_enum, default_value_t = Weights::Area, help_heading = "Method")]
-    pub(crate) weights: Weights,
-    /// What quadrics know of the past. summed: all planes of the original; rebuilt: those of the triangles as they are;
-    /// both: rebuilt ones place, both cost. Default: what the metric is named after.
-    #[arg(long, value_name = "MEMORY", value_parser = named(&MEMORIES), help_heading = "Method")]
-    pub(crate) memory: Option<String>,
-    /// Standard deviation of positions for the probabilistic metrics, in mean edge lengths; default: 0.01.
-    #[arg(long, value_name = "S", value_parser = parse_non_negative, help_heading = "Method")]
-    pub(crate) position_sigma: Option<f64>,
-    /// Standard deviation of unit normals for probabilistic-plane; default: 0.01.
-    #[arg(long, value_name = "S", value_parser = parse_non_negative, help_heading = "Method")]
-    pub(crate) normal_sigma: Option<f64>,
-    /// Weight of the lines in line-quadrics, relative to the planes; default: 0.001.
-    #[arg(long, value_name = "W", value_parser = parse_non_negative, help_heading = "Method")]
-    pub(crate) line_weight: Option<f64>,
-    /// How much more collapses cost where the model's outline is likely to be seen: 0.2 is what to begin with.
-    #[arg(long, value_name = "W", default_value_t = 0.0, value_parser = parse_non_negative, help_heading = "Method")]
-    pub(crate) silhouette_weight: f64,
-
-    /// What happens to open borders; default: preserve.
-    #[arg(long, value_enum, value_name = "POLICY", help_heading = "Constraints")]
-    pub(crate) boundary: Option<Border>,
-    /// What happens to edges where an attribute (normal, texture coordinate, colour) jumps; default: hold.
-    #[arg(long, value_enum, value_name = "POLICY", help_heading = "Constraints")]
-    pub(crate) seams: Option<Border>,
-    /// What happens to edges between two materials; default: hold.
-    #[arg(long, value_enum, value_name = "POLICY", help_heading = "Constraints")]
-    pub(crate) material_borders: Option<Border>,
-    /// How strongly preserved edges are held: 1 counts as much as a square of the edge's length.
-    #[arg(long, value_name = "W", default_value_t = 1.0, value_parser = parse_non_negative, help_heading = "Constraints")]
-    pub(crate) constraint_weight: f64,
-    /// What collapses may do to the topology. preserve: nothing; manifold: close holes of three edges, drop the last
-    /// triangles of a component; free: anything, non-manifold edges too. Default: manifold.
-    #[arg(long, value_name = "POLICY", value_parser = TOPOLOGIES, help_heading = "Constraints")]
-    pub(crate) topology: Option<String>,
-    /// Refuse collapses that turn a triangle's normal by more than this angle in degrees; `off`: allow all.
-    #[arg(long, value_name = "DEG", default_value = "75", value_parser = parse_turn, help_heading = "Constraints")]
-    pub(crate) max_normal_turn: Turn,
-    /// Refuse collapses after which a triangle's normal deviates by more than this angle in degrees from those of the
-    /// original triangles that it stands for; `off`: allow all.
-    #[arg(long, value_name = "DEG", default_value = "off", value_parser = parse_turn, help_heading = "Constraints")]
-    pub(crate) max_normal_deviation: Turn,
-    /// Refuse collapses that leave a vertex with a valence outside this range, for example 4..11.
-    #[arg(long, value_name = "LOW..HIGH", value_parser = parse_range, help_heading = "Constraints")]
-    pub(crate) valence: Option<(u32, u32)>,
-    /// Refuse collapses that make a triangle worse than before and than this quality (1: equilateral, 0: needle).
-    #[arg(long, value_name = "Q", value_parser = parse_unit, help_heading = "Constraints")]
-    pub(crate) min_quality: Option<f64>,
-    /// Refuse collapses after which the surface would pass through itself. Takes four to five times as long; --refit,
-    /// which does not know of it, is left out.
-    #[arg(long, help_heading = "Constraints", conflicts_with = "refit")]
-    pub(crate) no_self_intersections: bool,
-    /// Also join vertices without an edge between them that are closer than this: units, or a share of the diagonal.
-    #[arg(long, value_name = "D", value_parser = parse_distance, help_heading = "Constraints")]
-    pub(crate) join_distance: Option<Distance>,
-    /// Take the importance of vertices from an attribute: a factor on the cost of their collapses. Of a colour, the
-    /// brightness counts: black is neutral (1), white is 100.
-    #[arg(long, value_name = "ATTRIBUTE", help_heading = "Constraints")]
-    pub(crate) importance: Option<String>,
-    /// Keep the vertices where this attribute is above one half.
-    #[arg(long, value_name = "ATTRIBUTE", help_heading = "Constraints")]
-    pub(crate) lock: Option<String>,
-
-    /// Whether normals, texture coordinates, colours and other attributes count in the metric besides the surface.
-    /// Default: yes, unless --metric names one: these are of the surface alone.
-    #[arg(long, value_name = "yes|no", num_args = 0..=1, default_missing_value = "yes", require_equals = true,
-        value_parser = clap::builder::BoolishValueParser::new(), help_heading = "Attributes")]
-    pub(crate) attributes: Option<bool>,
-    /// What an attribute counts in the metric: a factor on its automatic weight, for example normal=2 or COLOR_0=0. May be
-    /// given several times.
-    #[arg(long, value_name = "NAME=FACTOR", value_parser = parse_weight, help_heading = "Attributes")]
-    pub(crate) attribute_weight: Vec<(String, f64)>,
-    /// Refuse collapses after which the texture has slipped by more than so many texels of the base colour texture, by the
-    /// estimate of the metric.
-    #[arg(long, value_name = "TEXELS", value_parser = parse_non_negative, help_heading = "Attributes")]
-    pub(crate) max_texel_error: Option<f64>,
-    /// In which space differences of colours count, where they do: as stored, or CIE L*a*b*, where equal differences look equal.
-    #[arg(long, value_name = "rgb|lab", default_value = "rgb", value_parser = ["rgb", "lab"], help_heading = "Attributes")]
-    pub(crate) color_space: String,
-    /// How attributes enter the metric, where they count: by their gradients over the surface (Hoppe 1999), or by distances in
-    /// the space of positions and attributes together (Garland and Heckbert 1998; for comparison).
-    #[arg(long, value_name = "KIND", default_value = "gradients", value_parser = ["gradients", "generalized-quadric"],
-        help_heading = "Attributes")]
-    pub(crate) attribute_metric: String,
-    /// Let triangles be turned over in the texture.
-    #[arg(long, help_heading = "Attributes")]
-    pub(crate) texture_may_fold: bool,
-    /// How the normals of merged vertices come about where they do not count in the metric.
-    #[arg(long, value_enum, default_value_t = Normals::Interpolate, help_heading = "Attributes")]
-    pub(crate) normals: Normals,
-    /// Most joints that move one vertex; default: as many as the file has room for.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), help_heading = "Attributes")]
-    pub(crate) max_influences: Option<u32>,
+    #[command(flatten)]
+    pub(crate) collapse: CollapseArgs,
 
     /// Writes a report, too: one HTML file with pictures before and after, distances as colours, measured errors, shape of
     /// the triangles, time and memory; and the same figures as JSON beside it (FILE with .json). That costs about six more
@@ -381,13 +285,24 @@ pub(crate) struct LodArgs {
     /// The file to write; its extension names the format.
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
-    /// What the levels have of the triangles: shares such as 10%, or numbers, falling. auto: a half each time, as long as
-    /// that leaves 100.
-    #[arg(long, value_name = "LEVEL,...", value_parser = parse_levels, default_value = "auto")]
-    pub(crate) levels: Levels,
-    /// In which poses the surface is looked at. clips, or clips=N: in N poses (default 16) that stand for all clips; bind: as
-    /// the vertices are stored; rest: as the file shows it; CLIP@SECONDS: at a moment of a clip. Default: clips, where there
-    /// are some.
+    /// What the levels are, the original left out: shares of the triangles such as 10%, or numbers; error=E: as few triangles
+    /// as leave that error by the metric's estimate, in units or as a share of the diagonal (error=0.1%); screen=S: as few as
+    /// are enough where the model covers so much of the height of a picture (screen=25%). auto: half of the triangles each
+    /// time, as long as that leaves 100; auto=screen: good enough for the full height of a picture, a half of it, and so on.
+    /// Default: auto; of a file that has levels, those.
+    #[arg(long, value_name = "LEVEL,...", value_parser = parse_levels)]
+    pub(crate) levels: Option<Levels>,
+    /// Takes level K from a file, in which it has been edited by hand, say. Meshes, materials and joints are known by their
+    /// names. May be given several times.
+    #[arg(long, value_name = "K=FILE", value_parser = parse_edited)]
+    pub(crate) edited: Vec<(usize, PathBuf)>,
+    /// Error in pixels, in a picture of 1080 lines, that a level may have where it is switched to.
+    #[arg(long, value_name = "PX", default_value_t = 1.0, value_parser = parse_positive)]
+    pub(crate) pixels: f64,
+    /// In which poses the surface is looked at. clips, or clips=N: in N poses (default 16) that stand for all clips; extreme, or
+    /// extreme=N: in N poses of joints and morph targets that are made up, for rigs without clips; middle: with all that
+    /// clips move in the middle of its range; CLIP@SECONDS: at a moment of a clip; rest: as the file shows it; bind: as the
+    /// vertices are stored. Default: clips, where there are some; else extreme, where something moves; else bind.
     #[arg(long, value_name = "POSES")]
     pub(crate) poses: Option<String>,
     /// Whether the vertices of each level are fitted to the original: their places and, if poses are looked at, the weights of
@@ -395,13 +310,27 @@ pub(crate) struct LodArgs {
     #[arg(long, value_name = "yes|no", num_args = 0..=1, default_missing_value = "yes", require_equals = true,
         value_parser = clap::builder::BoolishValueParser::new())]
     pub(crate) refit: Option<bool>,
-    /// Gives each level, the original among them, a morph target named `geomorph` that takes it to the next one: any viewer of
-    /// glTF can show the way between. Meshes are then written in the order of their levels.
+    /// Tells how each level, the original among them, goes over into the next. target: by a morph target named `geomorph`, which
+    /// any viewer of glTF can play; attributes: by vertex attributes _MORPH_POSITION and so on, for engines that morph in a
+    /// shader; both. Meshes are then written in the order of their levels.
+    #[arg(long, value_name = "FORM", num_args = 0..=1, default_missing_value = "target", require_equals = true,
+        value_parser = ["target", "attributes", "both"])]
+    pub(crate) geomorph: Option<String>,
+    /// Gives every vertex the joints and weights of what it becomes, from the coarsest level up to the original: then
+    /// the morph target is exact in every pose, but finer levels move less finely.
+    #[arg(long, requires = "geomorph")]
+    pub(crate) merge_weights: bool,
+    /// Writes the triangles of levels as strips: about two indices to a triangle in place of three.
     #[arg(long)]
-    pub(crate) geomorph: bool,
+    pub(crate) strips: bool,
     /// Writes a file to each level also where one glTF could hold all.
     #[arg(long)]
     pub(crate) split_files: bool,
+    /// Puts all levels into the scene, named NAME_LOD0, NAME_LOD1 and so on, for engines that know levels by their names.
+    #[arg(long, conflicts_with = "split_files")]
+    pub(crate) named_nodes: bool,
+    #[command(flatten)]
+    pub(crate) collapse: CollapseArgs,
     #[command(flatten)]
     pub(crate) common: Common,
 }
@@ -409,15 +338,28 @@ pub(crate) struct LodArgs {
 /// The levels of a chain.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Levels {
-    Auto,
-    These(Vec<Level>),
+    /// Half of the triangles each time.
+    Halves,
+    /// Half of the height of the picture each time.
+    Screens,
+    These(Vec<LodLevel>),
+}
+
+/// What a level of a chain is to be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum LodLevel {
+    Triangles(Level),
+    Error(Distance),
+    /// Share of the height of a picture.
+    Screen(f64),
 }
 
 const LOD_EXAMPLES: &str = "\
 Examples:
   maille lod character.glb -o levels.glb
   maille lod character.glb -o levels.glb --levels 50%,25%,10%,3%
-  maille lod character.glb -o levels.glb --levels 5000,1000 --poses walk@0.5
+  maille lod character.glb -o levels.glb --levels error=0.1%,error=1% --poses walk@0.5
+  maille lod levels.glb -o mended.glb --edited 2=by-hand.glb --geomorph
   maille lod scan.ply -o scan.ply --levels 10%,1%";
 
 /// Measures how far two surfaces are apart.
@@ -638,52 +580,6 @@ pub(crate) struct ManArgs {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Preset {
-    /// Vertex clustering by quadrics: many times as fast, a larger error, any topology
-    Fastest,
-    /// Summed quadrics with constraints, the best place
-    Fast,
-    /// Hybrid quadrics, the best place that keeps the volume
-    Balanced,
-    /// As balanced, fitted to the original in the end
-    Best,
-    /// As balanced, but borders and topology may go: reaches the smallest counts
-    Aggressive,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Weights {
-    /// Every plane the same
-    Uniform,
-    /// By the area of the triangle
-    Area,
-    /// By the square of the area of the triangle
-    AreaSquared,
-    /// By the angle of the triangle at the vertex
-    Angle,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Border {
-    /// Nothing special
-    Free,
-    /// Planes make it costly to leave them, nothing is forbidden
-    Hold,
-    /// Collapse along themselves only
-    Preserve,
-    /// Their vertices stay
-    Lock,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Normals {
-    /// Interpolated along the edge
-    Interpolate,
-    /// The mean of the triangles around, by angle
-    Recompute,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum UpAxis {
     Y,
     Z,
@@ -695,41 +591,6 @@ pub(crate) enum Background {
     Studio,
     /// Nothing, with the shadow kept
     Transparent,
-}
-
-/// The largest turn of a normal, in degrees; `None`: any.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Turn(pub(crate) Option<f64>);
-
-impl From<Weights> for QuadricWeight {
-    fn from(weights: Weights) -> Self {
-        match weights {
-            Weights::Uniform => Self::Uniform,
-            Weights::Area => Self::Area,
-            Weights::AreaSquared => Self::AreaSquared,
-            Weights::Angle => Self::Angle,
-        }
-    }
-}
-
-impl From<Border> for EdgePolicy {
-    fn from(border: Border) -> Self {
-        match border {
-            Border::Free => Self::Free,
-            Border::Hold => Self::Hold,
-            Border::Preserve => Self::Preserve,
-            Border::Lock => Self::Lock,
-        }
-    }
-}
-
-impl From<Normals> for NormalPolicy {
-    fn from(normals: Normals) -> Self {
-        match normals {
-            Normals::Interpolate => Self::Interpolate,
-            Normals::Recompute => Self::Recompute,
-        }
-    }
 }
 
 const METRICS: [&str; MetricKind::NAMES.len()] = names(MetricKind::NAMES);
@@ -794,10 +655,29 @@ fn parse_ratio(text: &str) -> Result<f64, String> {
 }
 
 fn parse_levels(text: &str) -> Result<Levels, String> {
-    if text == "auto" {
-        return Ok(Levels::Auto);
+    match text {
+        "auto" => Ok(Levels::Halves),
+        "auto=screen" => Ok(Levels::Screens),
+        _ => text.split(',').map(|level| parse_lod_level(level.trim())).collect::<Result<_, _>>().map(Levels::These),
     }
-    text.split(',').map(|level| parse_level(level.trim())).collect::<Result<_, _>>().map(Levels::These)
+}
+
+fn parse_lod_level(text: &str) -> Result<LodLevel, String> {
+    match text.split_once('=') {
+        None => parse_level(text).map(LodLevel::Triangles),
+        Some(("error", error)) => parse_distance(error).map(LodLevel::Error),
+        Some(("screen", share)) => parse_ratio(share).map(LodLevel::Screen),
+        Some((kind, _)) => Err(format!("'{kind}' is no kind of level; there are error=E and screen=S")),
+    }
+}
+
+fn parse_edited(text: &str) -> Result<(usize, PathBuf), String> {
+    let (level, path) = text.split_once('=').ok_or("a level and a file are wanted: 2=FILE")?;
+    Ok((parse_count(level)?, path.into()))
+}
+
+fn parse_positive(text: &str) -> Result<f64, String> {
+    parse_number(text).ok().filter(|&x| x > 0.0).ok_or_else(|| "it must be a number above 0".to_owned())
 }
 
 fn parse_level(text: &str) -> Result<Level, String> {

@@ -104,14 +104,57 @@ fn lod_makes_a_chain_in_one_file_or_several() {
 }
 
 #[test]
-fn lod_keeps_the_original_and_makes_no_chain_of_a_chain() {
+fn lod_keeps_the_original() {
     let folder = with_sphere("a_LOD0.ply");
     let run = folder.run(&["lod", "a_LOD0.ply", "-o", "a.ply", "--levels", "25%"]);
-    assert!(run.code == 2 && run.stderr.contains("this is the input"), "{}", run.stderr);
-    folder.done(&["lod", "a_LOD0.ply", "-o", "b.glb", "--levels", "25%"]);
-    let run = folder.run(&["lod", "b.glb", "-o", "c.glb", "--levels", "25%"]);
-    assert!(run.code == 1 && run.stderr.contains("levels of detail already"), "{}", run.stderr);
-    assert_eq!(folder.names(), ["a_LOD0.ply", "b.glb"]);
+    assert!(run.code == 2 && run.stderr.contains("this is an input"), "{}", run.stderr);
+    assert_eq!(folder.names(), ["a_LOD0.ply"]);
+}
+
+#[test]
+fn a_chain_is_recognised_and_may_be_edited() {
+    let folder = with_sphere("a.ply");
+    folder.done(&["lod", "a.ply", "-o", "b.glb", "--levels", "50%,10%", "--geomorph"]);
+    let info = folder.json(&["info", "b.glb"]);
+    assert_eq!(info["levels"], serde_json::json!([1024, 204]));
+    folder.done(&["convert", "b.glb", "-o", "level.glb", "--level", "2"]);
+    assert_eq!(folder.json(&["info", "level.glb"])["triangles"], 204);
+    let run = folder.run(&["convert", "b.glb", "-o", "none.glb", "--level", "3"]);
+    assert!(run.code == 2 && run.stderr.contains("there are 2"), "{}", run.stderr);
+    // the levels stay as they are, but for one
+    folder.done(&["simplify", "level.glb", "-o", "edited.glb", "--ratio", "50%"]);
+    let report = folder.json(&["lod", "b.glb", "-o", "c.glb", "--edited", "2=edited.glb", "--geomorph=both"]);
+    let triangles = |report: &Value| -> Vec<Value> {
+        report["levels"].as_array().into_iter().flatten().map(|level| level["triangles"].clone()).collect()
+    };
+    assert_eq!(triangles(&report), [1024, 102]);
+    assert_eq!(folder.json(&["info", "c.glb"])["levels"], serde_json::json!([1024, 102]));
+    // or are made anew
+    let report = folder.json(&["lod", "c.glb", "-o", "d.glb", "--levels", "error=1%"]);
+    assert!(report["levels"][0]["error"].as_f64().is_some_and(|error| error > 0.0 && error <= 0.0347));
+    // a simplified file has none
+    folder.done(&["simplify", "c.glb", "-o", "e.glb", "--ratio", "50%"]);
+    assert_eq!(folder.json(&["info", "e.glb"])["levels"], serde_json::json!([]));
+    assert_eq!(folder.json(&["info", "e.glb"])["triangles"], 1024);
+    let run = folder.run(&["lod", "b.glb", "-o", "f.glb", "--edited", "7=edited.glb"]);
+    assert!(run.code == 2 && run.stderr.contains("there are 2"), "{}", run.stderr);
+}
+
+#[test]
+fn masks_are_images_or_attributes() {
+    let folder = Folder::new();
+    folder.done(&["sample", "vase", "-o", "a.glb", "--triangles", "2000"]);
+    // black on the left, white on the right
+    let image = image::GrayImage::from_fn(8, 2, |x, _| image::Luma([if x < 4 { 0 } else { 255 }]));
+    image.save(folder.path("mask.png")).expect("the folder can be written to");
+    for option in ["--importance", "--lock", "--region"] {
+        folder.done(&["simplify", "a.glb", "-o", "b.glb", "--ratio", "0.6", option, "mask.png"]);
+        folder.done(&["lod", "a.glb", "-o", "c.glb", "--levels", "60%", option, "mask.png"]);
+    }
+    let run = folder.refused(&["simplify", "a.glb", "-o", "d.glb", "--ratio", "0.5", "--lock", "none.png"], "none.png");
+    assert!(run.stderr.contains("mask"), "{}", run.stderr);
+    folder.done(&["convert", "a.glb", "-o", "a.stl"]);
+    folder.refused(&["simplify", "a.stl", "-o", "d.stl", "--ratio", "0.5", "--lock", "mask.png"], "a.stl");
 }
 
 #[test]

@@ -8,6 +8,7 @@ use maille::skin::{Clip, Influences};
 use maille::{Mesh, Semantic};
 
 use crate::Animation;
+use crate::gltf::Rig;
 
 /// The content of a 3D file.
 ///
@@ -137,6 +138,20 @@ impl Asset {
         match &self.source {
             Source::Gltf(document) => Animation::new(document, self.clips[clip].clone()),
             _ => panic!("there is no clip {clip}"),
+        }
+    }
+
+    /// Whether joints or morph targets deform any of its meshes.
+    pub fn is_articulated(&self) -> bool {
+        self.instances.iter().any(|instance| instance.joint_matrices.is_some())
+            || self.meshes.iter().any(|named| !named.mesh.morph_targets.is_empty())
+    }
+
+    /// Its joints, to be turned at will; `None` for formats that have none.
+    pub(crate) fn rig(&self) -> Option<Rig> {
+        match &self.source {
+            Source::Gltf(document) => Some(Rig::new(document)),
+            _ => None,
         }
     }
 

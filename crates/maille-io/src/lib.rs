@@ -7,6 +7,7 @@
 mod asset;
 mod color;
 mod display;
+mod edited;
 mod error;
 mod flatten;
 mod format;
@@ -21,6 +22,8 @@ mod output;
 mod ply;
 mod poses;
 mod process;
+mod progressive;
+mod roles;
 mod sample;
 mod settle;
 mod stl;
@@ -33,11 +36,13 @@ pub use display::order_for_display;
 pub use error::{Place, ReadError, WriteError};
 pub use format::Format;
 pub use gltf::Animation;
-pub use lod::{LodChain, LodLevel, LodOptions, lod_chain};
+pub use lod::{GeomorphForm, LevelTarget, LodChain, LodLevel, LodOptions, Pixels, lod_chain};
 pub use look::{Look, Texture};
 pub use output::Written;
 pub use poses::{PoseSet, poses_of};
-pub use process::{AssetOptions, AssetReport, Budget, ProcessError, find_attribute, simplify_asset, world_scales};
+pub use process::{AssetOptions, AssetReport, Budget, ProcessError, simplify_asset, world_scales};
+pub use progressive::CollapseOptions;
+pub use roles::{AttributeRoles, Mask, MaskImage, find_attribute};
 pub use sample::sample;
 
 use std::path::Path;
@@ -68,6 +73,8 @@ pub struct WriteOptions {
     pub text: bool,
     /// OFF: binary instead of text. Few programs read it.
     pub binary_off: bool,
+    /// glTF: the triangles of meshes that have changed as strips, where that takes fewer indices.
+    pub strips: bool,
 }
 
 /// Reads a file of any known format, found by its content; the extension only decides where content leaves a doubt.

@@ -1,7 +1,7 @@
 //! The poses of an asset that its simplification looks at.
 
 use glam::DVec3;
-use maille::skin::{Pose, PoseChoice};
+use maille::skin::{Clip, MadeUpPose, Pose, PoseChoice};
 
 use crate::{Asset, Instance};
 
@@ -20,6 +20,14 @@ pub enum PoseSet {
         /// Seconds.
         seconds: f64,
     },
+    /// The one in which all that clips move is in the middle of the range in which they move it.
+    Middle,
+    /// So many poses, chosen by [`PoseChoice`] among many that the joints and morph targets may take, and the pose at rest among
+    /// them: for rigs without clips.
+    Extreme {
+        /// At most so many.
+        most: usize,
+    },
     /// So many poses that stand for all clips, chosen by [`PoseChoice`], and the pose at rest among them.
     Clips {
         /// At most so many.
@@ -31,9 +39,11 @@ pub enum PoseSet {
 const MOST_FRAMES: usize = 48;
 const FEWEST_FRAMES: usize = 4;
 const ALL_FRAMES: usize = 1000;
+/// Poses that are made up to choose from.
+const MADE_UP: usize = 96;
 /// Points by which poses are told apart.
 const POINTS: usize = 300;
-/// How much the pose at rest counts, relative to all clips.
+/// How much the pose at rest counts, relative to all others.
 const REST: f64 = 0.05;
 
 /// The poses of each mesh; none for a mesh that is to be looked at as it is stored, such as one without a skin and morph
@@ -46,7 +56,12 @@ pub fn poses_of(asset: &Asset, set: &PoseSet) -> Vec<Vec<Pose>> {
         PoseSet::Bind => vec![Vec::new(); asset.meshes.len()],
         PoseSet::Rest => poses_in(asset, &asset.instances, 1.0),
         PoseSet::Frame { clip, seconds } => poses_in(asset, &asset.animation(*clip).instances_at(*seconds), 1.0),
-        PoseSet::Clips { most } => chosen(asset, *most),
+        PoseSet::Middle => match asset.rig() {
+            Some(rig) => poses_in(asset, &rig.centered(asset.clips(), frames_of), 1.0),
+            None => vec![Vec::new(); asset.meshes.len()],
+        },
+        PoseSet::Extreme { most } => extreme(asset, *most),
+        PoseSet::Clips { most } => of_clips(asset, *most),
     }
 }
 
@@ -68,14 +83,54 @@ fn poses_in(asset: &Asset, instances: &[Instance], share: f64) -> Vec<Vec<Pose>>
     poses
 }
 
-fn chosen(asset: &Asset, most: usize) -> Vec<Vec<Pose>> {
+/// Those that stand for all clips.
+fn of_clips(asset: &Asset, most: usize) -> Vec<Vec<Pose>> {
     let clips = asset.clips();
-    if clips.is_empty() {
+    let per_clip = (ALL_FRAMES / clips.len().max(1)).clamp(FEWEST_FRAMES, MOST_FRAMES);
+    let animations: Vec<_> = (0..clips.len()).map(|clip| asset.animation(clip)).collect();
+    let moments =
+        clips.iter().enumerate().flat_map(|(clip, info)| evenly(info, per_clip).map(move |seconds| (clip, seconds)));
+    let moments: Vec<(usize, f64)> = moments.collect();
+    chosen(asset, most, moments.len(), |i| {
+        let (clip, seconds) = moments[i];
+        animations[clip].instances_at(seconds)
+    })
+}
+
+/// So many moments of a clip, evenly spread.
+fn evenly(clip: &Clip, count: usize) -> impl Iterator<Item = f64> + use<> {
+    let (start, end) = (clip.start(), clip.end());
+    (0..count).map(move |k| start + (end - start) * (k as f64 + 0.5) / count as f64)
+}
+
+/// Moments that tell the range of a clip: its ends among them.
+fn frames_of(clip: &Clip) -> Vec<f64> {
+    let ends = [clip.start(), clip.end()];
+    evenly(clip, MOST_FRAMES).chain(ends).collect()
+}
+
+/// Those that stand for all that the rigs may take.
+fn extreme(asset: &Asset, most: usize) -> Vec<Vec<Pose>> {
+    let Some(rig) = asset.rig().filter(|_| asset.is_articulated()) else {
+        return vec![Vec::new(); asset.meshes.len()];
+    };
+    chosen(asset, most, MADE_UP, |i| {
+        let pose = MadeUpPose(i as u64);
+        let mut instances = rig.turned(|joint| pose.turn(joint));
+        for (number, instance) in instances.iter_mut().enumerate() {
+            let targets = asset.meshes[instance.mesh].mesh.morph_targets.len();
+            instance.morph_weights = (0..targets).map(|target| pose.morph_weight(number, target) as f32).collect();
+        }
+        instances
+    })
+}
+
+/// Of so many poses, those that stand for all; and the pose at rest.
+fn chosen(asset: &Asset, most: usize, count: usize, pose: impl Fn(usize) -> Vec<Instance>) -> Vec<Vec<Pose>> {
+    if count == 0 {
         return vec![Vec::new(); asset.meshes.len()];
     }
     let points = points_of(asset);
-    let per_clip = (ALL_FRAMES / clips.len()).clamp(FEWEST_FRAMES, MOST_FRAMES);
-    let mut choice = PoseChoice::new(points.len());
     let places = |instances: &[Instance]| -> Vec<DVec3> {
         let place = |&(instance, wedge): &(usize, usize)| {
             let instance: &Instance = &instances[instance];
@@ -83,22 +138,16 @@ fn chosen(asset: &Asset, most: usize) -> Vec<Vec<Pose>> {
         };
         points.iter().map(place).collect()
     };
-    let mut moments = vec![None];
+    let mut choice = PoseChoice::new(points.len());
     choice.add(&places(&asset.instances), REST);
-    for (clip, info) in clips.iter().enumerate() {
-        let animation = asset.animation(clip);
-        let (start, end) = (info.start(), info.end());
-        for k in 0..per_clip {
-            let seconds = start + (end - start) * (k as f64 + 0.5) / per_clip as f64;
-            choice.add(&places(&animation.instances_at(seconds)), 1.0 / (per_clip * clips.len()) as f64);
-            moments.push(Some((clip, seconds)));
-        }
+    for i in 0..count {
+        choice.add(&places(&pose(i)), 1.0 / count as f64);
     }
     let mut poses = vec![Vec::new(); asset.meshes.len()];
-    for (moment, share) in choice.choose(most) {
-        let of_moment = match moments[moment] {
+    for (number, share) in choice.choose(most) {
+        let of_moment = match number.checked_sub(1) {
             None => poses_in(asset, &asset.instances, share),
-            Some((clip, seconds)) => poses_in(asset, &asset.animation(clip).instances_at(seconds), share),
+            Some(i) => poses_in(asset, &pose(i), share),
         };
         poses.iter_mut().zip(of_moment).for_each(|(all, more)| all.extend(more));
     }

@@ -13,10 +13,10 @@ use maille::simplify::{
     AttributeError, CurvePoint, EdgePolicy, Refusals, SimplifyError, SimplifyOptions, SimplifyReport, Stop, Target,
     simplify,
 };
-use maille::{Attribute, Control, Mesh, Semantic};
+use maille::{Control, Mesh};
 use rayon::prelude::*;
 
-use crate::{Asset, Instance};
+use crate::{Asset, AttributeRoles, Instance};
 
 /// Fewest triangles that sharing out a total leaves to a mesh, so that none disappears: a tetrahedron.
 pub(crate) const FEWEST: usize = 4;
@@ -27,9 +27,6 @@ const REACH: usize = 8;
 /// A mesh keeps its first share over this, whatever the others could not give: better too many triangles than a head
 /// ruined because a sword is stubborn.
 const MOST_CUT: usize = 2;
-/// Factor on the cost of collapses where an importance colour is white; where it is black, the factor is 1.
-const WHITE_IMPORTANCE: f32 = 100.0;
-
 /// How a number of triangles is shared out over the meshes of an asset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
 pub enum Budget {
@@ -52,18 +49,10 @@ pub struct AssetOptions {
     pub weld: bool,
     /// How a number of triangles is shared out over the meshes.
     pub budget: Budget,
-    /// Factors on what single attributes count in the metric, by the names that the file gives them ([`find_attribute`]).
-    pub attribute_weights: Vec<(String, f64)>,
+    /// What the attributes of the asset mean.
+    pub roles: AttributeRoles,
     /// Cluster vertices this way instead of collapsing edges. Of `simplify`, only the target matters then.
     pub cluster: Option<ClusterMethod>,
-    /// Refuse collapses after which the texture has slipped by more than so many texels of the base colour texture, by the
-    /// estimate of the metric (`SimplifyOptions::max_texture_error`, which is set from it mesh by mesh).
-    pub max_texel_error: Option<f64>,
-    /// Attribute of importance, by the name the file gives it ([`find_attribute`]): its first component is a factor on
-    /// the cost of collapses; of a colour, the brightness from black (1) to white (100).
-    pub importance: Option<String>,
-    /// Attribute whose vertices stay where its first component is above one half.
-    pub lock: Option<String>,
     /// Whether and how the vertices that are left are fitted to the original in the end. `fixed` must be empty: what is
     /// locked stays.
     pub refit: Option<RefitOptions>,
@@ -123,6 +112,14 @@ pub enum ProcessError {
         /// The attributes there are.
         known: String,
     },
+    /// Meshes that are given as a level of detail cannot be one.
+    #[error("level {level}: {reason}")]
+    Level {
+        /// Which level, from 1 on.
+        level: usize,
+        /// What is wrong, in words.
+        reason: String,
+    },
     /// What is to be proven is not told.
     #[error("there is no largest error to be proven")]
     NothingToProve,
@@ -158,17 +155,8 @@ pub fn simplify_asset(
     if options.certify && options.simplify.target.max_error.is_none() {
         return Err(ProcessError::NothingToProve);
     }
-    let weighted = options.attribute_weights.iter().map(|(name, _)| name);
-    for name in options.importance.iter().chain(&options.lock).chain(weighted) {
-        require_attribute(asset, name)?;
-    }
-    let texels: Vec<Option<f64>> = match options.max_texel_error {
-        Some(_) => (0..asset.meshes.len()).map(|mesh| texels_per_unit(asset, mesh)).collect(),
-        None => vec![None; asset.meshes.len()],
-    };
-    if options.max_texel_error.is_some() && texels.iter().all(Option::is_none) {
-        return Err(ProcessError::NoTexture);
-    }
+    options.roles.check(asset)?;
+    let texels: Vec<Option<f64>> = (0..asset.meshes.len()).map(|mesh| options.roles.texels(asset, mesh)).collect();
     if options.weld {
         asset.meshes.par_iter_mut().for_each(|named| {
             named.mesh.weld(&WeldOptions::EXACT_WITH_WEDGES);
@@ -219,41 +207,6 @@ pub fn simplify_asset(
         jobs.iter_mut().try_for_each(|job| job.refit_result(refit, options, control))?;
     }
     Ok(summary(jobs, &before, &draws, total))
-}
-
-/// The float attribute of a mesh that a name means, of wedges or vertices: the name that the mesh itself uses
-/// (`color 0`, `quality`) or that of glTF (`COLOR_0`, `_IMPORTANCE`), whatever the case.
-pub fn find_attribute<'a>(mesh: &'a Mesh, name: &str) -> Option<&'a Attribute> {
-    let attributes = mesh.wedge_attributes.iter().chain(&mesh.vertex_attributes);
-    attributes.filter(|a| a.as_f32().is_some()).find(|a| {
-        let own = a.semantic.to_string();
-        own.eq_ignore_ascii_case(name) || a.semantic.gltf_name().eq_ignore_ascii_case(name)
-    })
-}
-
-fn require_attribute(asset: &Asset, name: &str) -> Result<(), ProcessError> {
-    let meshes = || asset.meshes.iter().map(|m| &m.mesh);
-    if meshes().any(|mesh| find_attribute(mesh, name).is_some()) {
-        return Ok(());
-    }
-    let floats = meshes().flat_map(|m| m.wedge_attributes.iter().chain(&m.vertex_attributes));
-    let mut known: Vec<String> = floats.filter(|a| a.as_f32().is_some()).map(|a| a.semantic.to_string()).collect();
-    known.sort();
-    known.dedup();
-    let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
-    Err(ProcessError::NoAttribute { name: name.to_owned(), known })
-}
-
-/// Texels to a unit of texture coordinates, by the largest texture on a mesh; `None` without one that can be read.
-fn texels_per_unit(asset: &Asset, mesh: usize) -> Option<f64> {
-    let slots = asset.meshes[mesh].mesh.triangle_materials.iter().copied().max().unwrap_or(0);
-    let texture = |slot| asset.look(mesh, slot)?.texture;
-    let texels = (0..=slots).filter_map(texture).filter_map(|texture| {
-        let size = imagesize::blob_size(&texture.bytes).ok()?;
-        let [u, v] = texture.scale.map(|scale| f64::from(scale.abs()));
-        Some((size.width as f64 * u).max(size.height as f64 * v))
-    });
-    texels.filter(|texels| *texels > 0.0).max_by(f64::total_cmp)
 }
 
 /// How much each mesh is enlarged at most where it is drawn, posed at rest; 1 for a mesh that is not drawn or has no area.
@@ -471,18 +424,7 @@ impl Job<'_> {
         own.target.triangles = options.simplify.target.triangles.map(|_| self.target);
         own.target.max_error = options.simplify.target.max_error.map(|error| error / self.scale);
         own.join_distance = options.simplify.join_distance.map(|distance| distance / self.scale);
-        if let Some(attribute) = options.importance.as_deref().and_then(|name| find_attribute(self.mesh, name)) {
-            own.importance = importance_of(self.mesh, attribute);
-        }
-        for (name, factor) in &options.attribute_weights {
-            if let Some(attribute) = find_attribute(self.mesh, name) {
-                own.attributes.named.push((attribute.semantic.clone(), *factor));
-            }
-        }
-        if let (Some(most), Some(texels)) = (options.max_texel_error, self.texels) {
-            own.max_texture_error = Some(most / texels);
-        }
-        own.locked = self.locked(options);
+        options.roles.apply(self.mesh, self.texels, &mut own);
         if options.certify {
             return self.run_certified(own, options, control);
         }
@@ -536,11 +478,6 @@ impl Job<'_> {
         Ok(())
     }
 
-    /// The vertices that the attribute of locks names; empty if there is none.
-    fn locked(&self, options: &AssetOptions) -> Vec<bool> {
-        locked(self.mesh, options)
-    }
-
     /// Fits the result to what it was.
     fn refit_result(
         &mut self,
@@ -587,13 +524,7 @@ fn clustered(
     })
 }
 
-fn locked(mesh: &Mesh, options: &AssetOptions) -> Vec<bool> {
-    let attribute = options.lock.as_deref().and_then(|name| find_attribute(mesh, name));
-    let locks = attribute.map(|attribute| per_vertex(mesh, attribute, |value| value[0]));
-    locks.unwrap_or_default().iter().map(|&x| x > 0.5).collect()
-}
-
-/// Fits a mesh to what it was; vertices of features that are locked stay.
+/// Fits a mesh to what it was; vertices that are locked stay.
 fn fit(
     mesh: &mut Mesh,
     original: &Mesh,
@@ -601,10 +532,16 @@ fn fit(
     options: &AssetOptions,
     control: Control<'_>,
 ) -> Result<RefitReport, Cancelled> {
-    let mut fixed = locked(mesh, options);
+    let own = RefitOptions { fixed: fixed(mesh, &options.roles, &options.simplify), ..refit.clone() };
+    control.time("fitting", || maille::refit::refit(mesh, original, &own, control))
+}
+
+/// The vertices that may not move: what is locked by its attributes or lies on features that are.
+pub(crate) fn fixed(mesh: &Mesh, roles: &AttributeRoles, options: &SimplifyOptions) -> Vec<bool> {
+    let mut fixed = roles.locked(mesh);
     fixed.resize(mesh.vertex_count(), false);
-    let lock_seams = options.simplify.seams == EdgePolicy::Lock;
-    let lock_materials = options.simplify.material_borders == EdgePolicy::Lock;
+    let lock_seams = options.seams == EdgePolicy::Lock;
+    let lock_materials = options.material_borders == EdgePolicy::Lock;
     // what the first corner at each vertex has
     let mut first = vec![None; fixed.len()];
     for (t, wedges) in mesh.triangles.iter().enumerate() {
@@ -614,33 +551,7 @@ fn fit(
             fixed[v as usize] |= lock_seams && other.0 != own.0 || lock_materials && other.1 != own.1;
         }
     }
-    let own = RefitOptions { fixed, ..refit.clone() };
-    control.time("fitting", || maille::refit::refit(mesh, original, &own, control))
-}
-
-fn importance_of(mesh: &Mesh, attribute: &Attribute) -> Vec<f32> {
-    match attribute.semantic {
-        Semantic::Color(_) => per_vertex(mesh, attribute, |rgb| {
-            let brightness = rgb.iter().take(3).sum::<f32>() / rgb.len().min(3) as f32;
-            1.0 + (WHITE_IMPORTANCE - 1.0) * brightness.clamp(0.0, 1.0)
-        }),
-        _ => per_vertex(mesh, attribute, |value| value[0].max(0.0)),
-    }
-}
-
-/// One number for each vertex: of its own value, or the largest over its wedges.
-fn per_vertex(mesh: &Mesh, attribute: &Attribute, number: impl Fn(&[f32]) -> f32) -> Vec<f32> {
-    let values = attribute.as_f32().expect("find_attribute gives float attributes only");
-    let numbers = values.chunks_exact(attribute.components).map(number);
-    if mesh.vertex_attributes.iter().any(|own| std::ptr::eq(own, attribute)) {
-        return numbers.collect();
-    }
-    let mut largest = vec![f32::NEG_INFINITY; mesh.vertex_count()];
-    for (&vertex, number) in mesh.wedge_vertices.iter().zip(numbers) {
-        let place = &mut largest[vertex as usize];
-        *place = place.max(number);
-    }
-    largest.iter().map(|&x| if x.is_finite() { x } else { 1.0 }).collect()
+    fixed
 }
 
 /// Adds up the progress of meshes that run at the same time, weighted by their triangles.
@@ -766,9 +677,11 @@ fn untouched() -> SimplifyReport {
 #[cfg(test)]
 mod tests {
     use glam::DVec3;
+    use maille::{Attribute, Semantic};
     use proptest::prelude::*;
 
     use super::*;
+    use crate::Mask;
 
     #[test]
     fn shares_are_proportional_and_leave_small_meshes_visible() {
@@ -824,7 +737,10 @@ mod tests {
         mesh.vertex_attributes.push(Attribute::new_f32(Semantic::Custom("keep".to_owned()), 1, locks));
         let cap: Vec<[f32; 3]> = mesh.positions.iter().copied().filter(|p| p[2] > 0.9).collect();
         let mut asset = Asset::from_mesh("sphere", mesh);
-        let mut options = AssetOptions { lock: Some("keep".to_owned()), ..AssetOptions::default() };
+        let mut options = AssetOptions {
+            roles: AttributeRoles { lock: Some(Mask::Attribute("keep".to_owned())), ..AttributeRoles::default() },
+            ..AssetOptions::default()
+        };
         options.refit = Some(RefitOptions::default());
         options.simplify.target.triangles = Some(400);
         let report = simplify_asset(&mut asset, &options, Control::default()).unwrap();
@@ -857,16 +773,5 @@ mod tests {
         asset.instances[0].joint_matrices = None;
         asset.instances[0].transform = DMat4::from_scale(DVec3::new(1.0, 2.0, 3.0));
         assert!((world_scales(&asset)[0] - 3.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn attributes_are_found_by_their_own_and_by_gltf_names() {
-        let mut mesh = maille::mesh::shapes::cube();
-        mesh.wedge_attributes.push(Attribute::new_f32(Semantic::Color(0), 3, vec![0.5; 24]));
-        mesh.vertex_attributes.push(Attribute::new_f32(Semantic::Custom("quality".into()), 1, vec![2.0; 8]));
-        assert!(find_attribute(&mesh, "COLOR_0").is_some() && find_attribute(&mesh, "Color 0").is_some());
-        let quality = find_attribute(&mesh, "quality").expect("it was added");
-        assert_eq!(importance_of(&mesh, quality), [2.0; 8]);
-        assert!(find_attribute(&mesh, "color").is_none());
     }
 }

@@ -1,6 +1,8 @@
 //! `maille convert`
 
-use maille_io::{Format, WriteOptions};
+use std::path::Path;
+
+use maille_io::{Asset, Format, WriteOptions};
 use serde_json::json;
 
 use crate::args::ConvertArgs;
@@ -15,7 +17,10 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
         return Err(Failure::Usage(format!("{}: {message}", path.display())));
     }
     let session = Session::start(&args.common)?;
-    let asset = session.read(&args.input)?;
+    let asset = match args.level {
+        None => session.read(&args.input)?,
+        Some(level) => at_level(session.read(&args.input)?, level, &args.input)?,
+    };
     let written = session.write(&asset, &path, &WriteOptions { text: args.text, ..WriteOptions::default() })?;
     let json = || {
         json!({
@@ -29,4 +34,20 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     };
     let triangles = output::count(asset.triangle_count());
     session.result(json, || format!("wrote {}, {triangles} triangles\n", output::written(&written.files)))
+}
+
+/// One level of a chain, 0 being the original.
+fn at_level(asset: Asset, level: usize, path: &Path) -> Result<Asset, Failure> {
+    let split = asset.split_levels().unwrap_or_else(|| Ok((asset, Vec::new())));
+    let (whole, levels) = split.map_err(|reason| Failure::about(path, reason))?;
+    let count = levels.len();
+    match level.checked_sub(1) {
+        None => Ok(whole),
+        Some(k) => match levels.get(k) {
+            Some(level) => Ok(whole.at_level(level)),
+            None => Err(Failure::Usage(format!(
+                "--level: there is no level {level}; there are {count} (0 is the original)"
+            ))),
+        },
+    }
 }

@@ -29,6 +29,10 @@ pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
         volume: volume(&drawn),
         // only then it costs nothing to bring all that is drawn together
         is_drawn_as_is: matches!(drawn, Cow::Borrowed(_)) && asset.meshes.len() == 1 && asset.instances.len() == 1,
+        levels: match asset.split_levels() {
+            Some(Ok((_, levels))) => levels.iter().map(|level| level.triangles).collect(),
+            _ => Vec::new(),
+        },
         asset: &asset,
     };
     session.checkpoint()?;
@@ -48,6 +52,8 @@ struct Facts<'a> {
     volume: f64,
     /// Whether that is one mesh where it stands.
     is_drawn_as_is: bool,
+    /// Triangles of each level of detail.
+    levels: Vec<usize>,
 }
 
 /// What there is to tell of a mesh, in its own units.
@@ -200,6 +206,7 @@ impl Facts<'_> {
             "area": self.area,
             "volume": self.volume,
             "contents": contents,
+            "levels": self.levels,
             "meshes": self.meshes.iter().map(MeshFacts::json).collect::<Vec<_>>(),
             "warnings": self.asset.warnings,
         })
@@ -221,6 +228,10 @@ impl Facts<'_> {
         listing.line("content", format!("{triangles} triangles in {}{drawn}", plural(self.meshes.len(), "mesh")));
         for (name, count) in self.asset.contents() {
             listing.line(name, count.to_string());
+        }
+        if !self.levels.is_empty() {
+            let levels: Vec<String> = self.levels.iter().map(|&triangles| count(triangles)).collect();
+            listing.line("levels of detail", format!("{} triangles, and the original", levels.join(", ")));
         }
         if let Some((low, high)) = self.bounds {
             let corner = |p: [f32; 3]| p.map(|x| output::number(f64::from(x))).join(", ");

@@ -1,13 +1,16 @@
 //! `maille lod`
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use maille::simplify::SimplifyOptions;
-use maille_io::{Asset, Format, LodChain, LodOptions, PoseSet, WriteOptions, lod_chain};
+use maille_io::{
+    Asset, CollapseOptions, Format, GeomorphForm, LevelTarget, LodChain, LodOptions, Pixels, PoseSet, WriteOptions,
+    lod_chain,
+};
 use serde_json::{Value, json};
 
-use super::simplify::refusal;
-use crate::args::{Levels, LodArgs};
+use super::collapse::{self, refusal};
+use crate::args::{Level, Levels, LodArgs, LodLevel, Preset};
 use crate::failure::Failure;
 use crate::output::{self, Listing};
 use crate::session::Session;
@@ -15,31 +18,52 @@ use crate::stages::Ledger;
 
 /// Triangles that a level of `auto` has at least.
 const FEWEST: usize = 100;
-/// Poses that stand for all clips, where the user does not say how many.
+/// Levels of `auto=screen`: the last is for a model of 8 lines.
+const SCREENS: i32 = 8;
+/// Poses that stand for all clips, or for all that a rig may take, where the user does not say how many.
 const POSES: usize = 16;
+/// The vertical field of view behind distances, in degrees.
+const FIELD_OF_VIEW: f64 = 60.0;
 
 pub(crate) fn run(args: &LodArgs) -> Result<(), Failure> {
     super::check_output(&args.output)?;
+    collapse::check(&args.collapse)?;
+    if args.collapse.preset == Preset::Fastest {
+        return Err(Failure::Usage("--preset fastest clusters vertices, which makes no chain; leave it out".into()));
+    }
     let in_one_file = !args.split_files && matches!(Format::from_path(&args.output), Some(Format::Gltf | Format::Glb));
+    if args.named_nodes && !in_one_file {
+        return Err(Failure::Usage(
+            "--named-nodes is for .glb and .gltf; other formats get a file to each level".into(),
+        ));
+    }
     let session = Session::start(&args.common)?;
     let mut ledger = Ledger::new(false);
-    let asset = ledger.stage("read", |_| session.read(&args.input))?;
-    if asset.has_levels() {
-        let message = "the file has levels of detail already (make the chain of the original)";
-        return Err(Failure::about(&args.input, message));
-    }
-    let poses = poses(args, &asset)?;
+    let (asset, targets) = ledger.stage("read", |_| read(args, &session))?;
+    let poses = poses(args.poses.as_deref(), &asset)?;
+    let is_best = args.collapse.preset == Preset::Best;
+    let fits = is_best || poses != PoseSet::Bind && !args.collapse.no_self_intersections;
     let options = LodOptions {
-        simplify: SimplifyOptions::default(),
-        levels: levels(args, asset.drawn_triangle_count())?,
-        refit: args.refit.unwrap_or(poses != PoseSet::Bind),
+        collapse: CollapseOptions {
+            simplify: collapse::simplify_options(&args.collapse, super::diagonal(&asset)),
+            roles: collapse::roles(&args.collapse)?,
+            weld: args.collapse.preset == Preset::Aggressive,
+        },
+        levels: targets,
+        refit: args.refit.unwrap_or(fits),
         poses,
-        geomorph: args.geomorph,
+        geomorph: GeomorphForm {
+            target: matches!(args.geomorph.as_deref(), Some("target" | "both")),
+            attributes: matches!(args.geomorph.as_deref(), Some("attributes" | "both")),
+            merge_weights: args.merge_weights,
+        },
+        pixels: Pixels(args.pixels),
     };
     let count = 1 + options.levels.len();
     let paths = if in_one_file { vec![args.output.clone()] } else { paths(&args.output).take(count).collect() };
-    if let Some(path) = paths.iter().find(|path| super::is_same_file(&args.input, path)) {
-        let message = "this is the input; give another name to keep it";
+    let inputs = || std::iter::once(&args.input).chain(args.edited.iter().map(|(_, path)| path));
+    if let Some(path) = paths.iter().find(|path| inputs().any(|input| super::is_same_file(input, path))) {
+        let message = "this is an input; give another name to keep it";
         return Err(Failure::Usage(format!("{}: {message}", path.display())));
     }
     let chain = ledger.stage("levels", |times| {
@@ -47,26 +71,108 @@ pub(crate) fn run(args: &LodArgs) -> Result<(), Failure> {
         lod_chain(&asset, &options, control.with_times(times)).map_err(|error| refusal(&args.input, &error))
     })?;
     session.checkpoint()?;
-    for (k, (level, wanted)) in chain.levels.iter().zip(&options.levels).enumerate() {
-        if level.triangles > *wanted {
-            let (found, wanted) = (output::count(level.triangles), output::count(*wanted));
-            session.note(&format!("level {} has {found} triangles, not {wanted}: no more may collapse", k + 1));
-        }
-    }
+    tell_missed(args, &chain, &options.levels, &session);
+    let form = WriteOptions { strips: args.strips, ..WriteOptions::default() };
     let files = ledger.stage("write", |_| -> Result<_, Failure> {
         if in_one_file {
-            let written = session.write(&asset.with_levels(&chain), &args.output, &WriteOptions::default())?;
-            return Ok(written.files);
+            let whole = if args.named_nodes { asset.with_named_levels(&chain) } else { asset.with_levels(&chain) };
+            return Ok(session.write(&whole, &args.output, &form)?.files);
         }
-        let mut files = Vec::new();
-        for (level, path) in std::iter::once(None).chain(chain.levels.iter().map(Some)).zip(&paths) {
-            let asset = level.map_or_else(|| asset.clone(), |level| asset.at_level(level));
-            files.extend(session.write(&asset, path, &WriteOptions::default())?.files);
+        let original = match chain.original.as_slice() {
+            [] => asset.clone(),
+            _ => asset.at_level(&maille_io::LodLevel { meshes: chain.original.clone(), ..Default::default() }),
+        };
+        let mut files = session.write(&original, &paths[0], &form)?.files;
+        for (level, path) in chain.levels.iter().zip(&paths[1..]) {
+            files.extend(session.write(&asset.at_level(level), path, &form)?.files);
         }
         Ok(files)
     })?;
     let done = Done { chain, asset, files, ledger };
     session.result(|| done.json(args, &session), || done.text(args))
+}
+
+/// The original, and what each level is to be.
+fn read(args: &LodArgs, session: &Session) -> Result<(Asset, Vec<LevelTarget>), Failure> {
+    let asset = session.read(&args.input)?;
+    let (asset, mut targets) = match (asset.split_levels(), &args.levels) {
+        (Some(Err(reason)), _) => {
+            let message = format!("its levels of detail cannot be told from the rest: {reason}");
+            return Err(Failure::about(&args.input, &message));
+        }
+        (Some(Ok((whole, kept))), None) => {
+            (whole, kept.into_iter().map(|level| LevelTarget::Meshes(level.meshes)).collect())
+        }
+        (Some(Ok((whole, kept))), Some(levels)) => {
+            session.note(&format!("the {} levels that the file has are made anew", kept.len()));
+            let targets = targets(levels, &whole)?;
+            (whole, targets)
+        }
+        (None, levels) => {
+            let targets = targets(levels.as_ref().unwrap_or(&Levels::Halves), &asset)?;
+            (asset, targets)
+        }
+    };
+    for (level, path) in &args.edited {
+        let count = targets.len();
+        let place = targets.get_mut(level - 1).ok_or_else(|| {
+            Failure::Usage(format!("--edited: there is no level {level}; there are {count} (0 is the original)"))
+        })?;
+        let file = session.read(path)?;
+        let meshes = asset.level_from(&file);
+        let refused = |reason: String| Failure::about(path, &format!("it cannot be level {level}: {reason}"));
+        *place = LevelTarget::Meshes(meshes.map_err(refused)?);
+    }
+    Ok((asset, targets))
+}
+
+/// What each level is to be that `--levels` asks for.
+pub(super) fn targets(levels: &Levels, asset: &Asset) -> Result<Vec<LevelTarget>, Failure> {
+    let total = asset.drawn_triangle_count();
+    let diagonal = super::diagonal(asset);
+    match levels {
+        Levels::Halves => {
+            let halves = std::iter::successors(Some(total / 2), |level| Some(level / 2));
+            Ok(halves.take_while(|&n| n >= FEWEST).map(LevelTarget::Triangles).collect())
+        }
+        Levels::Screens => Ok((0..SCREENS).map(|k| LevelTarget::Screen(0.5_f64.powi(k))).collect()),
+        Levels::These(levels) => {
+            let target = |level: &LodLevel| match level {
+                LodLevel::Triangles(level) => LevelTarget::Triangles(level.of(total)),
+                LodLevel::Error(error) => LevelTarget::Error(error.in_units(diagonal)),
+                LodLevel::Screen(share) => LevelTarget::Screen(*share),
+            };
+            let counts = |level: &LodLevel| match level {
+                LodLevel::Triangles(level) => Some(Level::of(*level, total)),
+                _ => None,
+            };
+            let counts: Vec<usize> = levels.iter().filter_map(counts).collect();
+            if counts.windows(2).any(|pair| pair[0] <= pair[1]) {
+                return Err(Failure::Usage(
+                    "--levels: each level must have fewer triangles than the one before".into(),
+                ));
+            }
+            Ok(levels.iter().map(target).collect())
+        }
+    }
+}
+
+/// Tells which levels are not as they were wanted.
+fn tell_missed(args: &LodArgs, chain: &LodChain, targets: &[LevelTarget], session: &Session) {
+    let made: BTreeMap<usize, usize> = chain.levels.iter().enumerate().map(|(k, level)| (level.target, k)).collect();
+    let is_asked = matches!(args.levels, Some(Levels::These(_)));
+    for (target, wanted) in targets.iter().enumerate() {
+        match (made.get(&target), wanted) {
+            (None, _) if is_asked => {
+                session.note(&format!("wanted level {} is left out: it is no coarser than the one before", target + 1));
+            }
+            (Some(&k), LevelTarget::Triangles(wanted)) if chain.levels[k].triangles > *wanted => {
+                let (found, wanted) = (output::count(chain.levels[k].triangles), output::count(*wanted));
+                session.note(&format!("level {} has {found} triangles, not {wanted}: no more may collapse", k + 1));
+            }
+            _ => {}
+        }
+    }
 }
 
 /// The files of the levels, the original first.
@@ -76,52 +182,43 @@ fn paths(output: &Path) -> impl Iterator<Item = PathBuf> + '_ {
     (0..).map(move |level| output.with_file_name(format!("{stem}_LOD{level}.{extension}")))
 }
 
-fn levels(args: &LodArgs, total: usize) -> Result<Vec<usize>, Failure> {
-    match &args.levels {
-        Levels::Auto => {
-            Ok(std::iter::successors(Some(total / 2), |level| Some(level / 2)).take_while(|&n| n >= FEWEST).collect())
-        }
-        Levels::These(levels) => {
-            let levels: Vec<usize> = levels.iter().map(|level| level.of(total)).collect();
-            if levels.windows(2).any(|pair| pair[0] <= pair[1]) {
-                return Err(Failure::Usage(
-                    "--levels: each level must have fewer triangles than the one before".into(),
-                ));
-            }
-            Ok(levels)
-        }
-    }
-}
-
-fn poses(args: &LodArgs, asset: &Asset) -> Result<PoseSet, Failure> {
+/// The poses that `--poses` asks for.
+pub(super) fn poses(text: Option<&str>, asset: &Asset) -> Result<PoseSet, Failure> {
     let refuse = |message: String| Err(Failure::Usage(format!("--poses: {message}")));
-    let has_clips = !asset.clips().is_empty();
-    let Some(text) = args.poses.as_deref() else {
-        return Ok(if has_clips { PoseSet::Clips { most: POSES } } else { PoseSet::Bind });
+    let clips = asset.clips();
+    let Some(text) = text else {
+        return Ok(match (clips.is_empty(), asset.is_articulated()) {
+            (false, _) => PoseSet::Clips { most: POSES },
+            (true, true) => PoseSet::Extreme { most: POSES },
+            (true, false) => PoseSet::Bind,
+        });
     };
-    let names = || asset.clips().iter().map(|clip| clip.name.as_str()).collect::<Vec<_>>().join(", ");
-    match text.split_once('=') {
-        _ if text == "bind" => Ok(PoseSet::Bind),
-        _ if text == "rest" => Ok(PoseSet::Rest),
-        _ if !has_clips => refuse("the file has no clips; bind and rest are what there is".into()),
-        _ if text == "clips" => Ok(PoseSet::Clips { most: POSES }),
-        Some(("clips", number)) => match number.parse() {
-            Ok(most) if most > 0 => Ok(PoseSet::Clips { most }),
-            _ => refuse(format!("'{number}' is no number of poses")),
-        },
-        _ => {
-            let moment = text.rsplit_once('@').and_then(|(name, seconds)| {
-                let clip = asset.clips().iter().position(|clip| clip.name == name)?;
-                Some((clip, seconds.parse::<f64>().ok().filter(|seconds| seconds.is_finite())?))
-            });
-            match moment {
-                Some((clip, seconds)) => Ok(PoseSet::Frame { clip, seconds }),
-                None => refuse(format!(
-                    "'{text}' is none of clips, clips=N, bind, rest and CLIP@SECONDS; the clips are: {}",
-                    names()
-                )),
-            }
-        }
+    let (kind, number) = text.split_once('=').map_or((text, None), |(kind, number)| (kind, Some(number)));
+    let most = match number.map(str::parse) {
+        None => POSES,
+        Some(Ok(most)) if most > 0 && matches!(kind, "clips" | "extreme") => most,
+        _ => return refuse(format!("'{text}' is no number of poses: clips=16, extreme=16")),
+    };
+    let moment = || {
+        let (name, seconds) = text.rsplit_once('@')?;
+        let clip = clips.iter().position(|clip| clip.name == name)?;
+        Some(PoseSet::Frame { clip, seconds: seconds.parse().ok().filter(|seconds: &f64| seconds.is_finite())? })
+    };
+    match kind {
+        "bind" => Ok(PoseSet::Bind),
+        "rest" => Ok(PoseSet::Rest),
+        "extreme" => Ok(PoseSet::Extreme { most }),
+        _ if clips.is_empty() => refuse("the file has no clips; extreme, bind and rest are what there is".into()),
+        "clips" => Ok(PoseSet::Clips { most }),
+        "middle" => Ok(PoseSet::Middle),
+        _ => moment().map_or_else(
+            || {
+                let names: Vec<&str> = clips.iter().map(|clip| clip.name.as_str()).collect();
+                let known = "clips, clips=N, extreme, extreme=N, middle, bind, rest and CLIP@SECONDS";
+                refuse(format!("'{text}' is none of {known}; the clips are: {}", names.join(", ")))
+            },
+            Ok,
+        ),
     }
 }
 
@@ -136,7 +233,13 @@ impl Done {
     fn json(&self, args: &LodArgs, session: &Session) -> Value {
         let coverage = self.chain.screen_coverage();
         let levels = self.chain.levels.iter().zip(&coverage).map(|(level, coverage)| {
-            json!({ "triangles": level.triangles, "error": level.error, "screen_coverage": coverage })
+            json!({
+                "triangles": level.triangles,
+                "error": level.error,
+                "screen_coverage": coverage,
+                "switch": self.chain.switch_distance(level, FIELD_OF_VIEW.to_radians()),
+                "residual": level.residual,
+            })
         });
         let levels: Vec<Value> = levels.collect();
         json!({
@@ -159,11 +262,15 @@ impl Done {
         listing.heading(format!("{}: {triangles} triangles", args.input.display()));
         for (k, (level, coverage)) in self.chain.levels.iter().zip(self.chain.screen_coverage()).enumerate() {
             let error = output::distance(level.error, self.chain.diameter);
-            let told = format!(
-                "{} triangles, error {error} as the metric estimates; good below {:.3} % of the picture's height",
+            let mut told = format!(
+                "{} triangles, error {error}; good below {:.3} % of the picture's height",
                 output::count(level.triangles),
                 100.0 * coverage
             );
+            if let Some(residual) = level.residual.filter(|&residual| residual > 0.0) {
+                let residual = output::distance(residual, self.chain.diameter);
+                told += &format!("; in poses, the morph to it ends up to {residual} off");
+            }
             listing.line(format!("level {}", k + 1), told);
         }
         listing.line("time", output::seconds(self.ledger.seconds("levels")));

@@ -1,6 +1,7 @@
 //! One module to each command: meaning of the options, calls into the libraries, results.
 
 mod bench;
+mod collapse;
 mod compare;
 mod completions;
 mod convert;

@@ -1,7 +1,9 @@
 //! How the nodes move.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use glam::DQuat;
 use maille::skin::{Channel, Clip, Interpolation, Keys, Property};
 use serde_json::Value;
 
@@ -40,6 +42,54 @@ impl Animation {
                     weights[node] = Some(on.into_iter().map(|weight| weight as f32).collect::<Vec<f32>>());
                 }
                 Some(property) => locals[node] = locals[node].with(&property),
+                None => {}
+            }
+        }
+        self.scene.posed(&locals, |node| weights[node].as_deref())
+    }
+}
+
+/// The joints of an asset, to be turned at will.
+#[derive(Debug)]
+pub(crate) struct Rig {
+    scene: Scene,
+}
+
+impl Rig {
+    /// Of a document that has been read.
+    pub(crate) fn new(document: &Document) -> Self {
+        let mut unlimited = Budget { left: u64::MAX };
+        Self { scene: Scene::new(document, &mut unlimited).expect("the document has been read before") }
+    }
+
+    /// Every appearance of a mesh with each joint turned from where it rests, by what `turn` says of its number.
+    pub(crate) fn turned(&self, turn: impl Fn(usize) -> DQuat) -> Vec<Instance> {
+        let mut locals = self.scene.locals.clone();
+        for joint in self.scene.joints() {
+            locals[joint] = locals[joint].turned(turn(joint));
+        }
+        self.scene.posed(&locals, |_| None)
+    }
+
+    /// Every appearance of a mesh with all that clips move in the middle of the range in which they move it, which frames at
+    /// `times` of each tell.
+    pub(crate) fn centered(&self, clips: &[Clip], times: impl Fn(&Clip) -> Vec<f64>) -> Vec<Instance> {
+        let mut seen: BTreeMap<(usize, usize), Vec<Property>> = BTreeMap::new();
+        for clip in clips {
+            let times = times(clip);
+            for channel in &clip.channels {
+                let own = seen.entry((channel.joint, channel.keys.number())).or_default();
+                own.extend(times.iter().filter_map(|&seconds| channel.at(seconds)));
+            }
+        }
+        let mut locals = self.scene.locals.clone();
+        let mut weights = vec![None; locals.len()];
+        for ((node, _), range) in &seen {
+            match Property::middle(range) {
+                Some(Property::Weights(on)) => {
+                    weights[*node] = Some(on.into_iter().map(|weight| weight as f32).collect::<Vec<f32>>());
+                }
+                Some(property) => locals[*node] = locals[*node].with(&property),
                 None => {}
             }
         }

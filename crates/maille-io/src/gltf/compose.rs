@@ -17,6 +17,8 @@ use super::primitive::{Mode, mode, read_mesh, semantic_of};
 use super::{Budget, Document, View};
 use crate::{NamedMesh, WriteError};
 
+/// The mode of a primitive that is a strip.
+const TRIANGLE_STRIP: u32 = 5;
 const QUANTIZATION: &str = "KHR_mesh_quantization";
 
 /// A document ready to be packed.
@@ -36,7 +38,7 @@ pub(super) enum Content {
 }
 
 /// Puts meshes into a document.
-pub(super) fn compose(document: &Document, meshes: &[NamedMesh]) -> Result<Composed, WriteError> {
+pub(super) fn compose(document: &Document, meshes: &[NamedMesh], strips: bool) -> Result<Composed, WriteError> {
     let known = document.list("meshes").len();
     if meshes.len() != known {
         return Err(WriteError::new(format!("the asset has {} meshes where its glTF has {known}", meshes.len()))
@@ -44,7 +46,7 @@ pub(super) fn compose(document: &Document, meshes: &[NamedMesh]) -> Result<Compo
     }
     let originals = meshes.iter().zip(document.list("meshes")).map(|(new, old)| replaced(document, new, old));
     let originals: Vec<Option<Mesh>> = originals.collect();
-    let mut composer = Composer::new(document, &originals);
+    let mut composer = Composer { strips, ..Composer::new(document, &originals) };
     for (i, (new, original)) in meshes.iter().zip(&originals).enumerate() {
         if new.name != super::text(&document.list("meshes")[i], "name") {
             composer.json["meshes"][i]["name"] = json!(new.name);
@@ -57,6 +59,31 @@ pub(super) fn compose(document: &Document, meshes: &[NamedMesh]) -> Result<Compo
         composer.finish();
     }
     Ok(Composed { json: composer.json, views: composer.views })
+}
+
+/// The JSON of a document without some of its meshes, and what only they used; meshes that come after one are renumbered.
+/// Nothing is to draw those that go.
+pub(super) fn without_meshes(document: &Document, removed: &[bool]) -> Value {
+    let stale: Vec<Option<Mesh>> = removed.iter().map(|&removed| removed.then(Mesh::default)).collect();
+    let mut composer = Composer::new(document, &stale);
+    composer.finish();
+    let mut json = composer.json;
+    let mut number = 0;
+    let numbers: Vec<Option<usize>> =
+        removed.iter().map(|&removed| (!removed).then(|| (number, number += 1).0)).collect();
+    for node in json.get_mut("nodes").and_then(Value::as_array_mut).into_iter().flatten() {
+        if let Some(mesh) = index(node, "mesh").ok().flatten() {
+            match numbers.get(mesh).copied().flatten() {
+                Some(number) => node["mesh"] = json!(number),
+                None => super::json::remove(node, "mesh"),
+            }
+        }
+    }
+    if let Some(meshes) = json.get_mut("meshes").and_then(Value::as_array_mut) {
+        let mut removed = removed.iter();
+        meshes.retain(|_| !removed.next().is_some_and(|&removed| removed));
+    }
+    json
 }
 
 /// The mesh as the document has it, if the new one differs. Decoding it once more is exact, costs no memory between
@@ -74,6 +101,8 @@ struct Composer<'a> {
     views: Vec<Content>,
     free_accessors: VecDeque<usize>,
     free_views: VecDeque<usize>,
+    /// Whether triangles become strips.
+    strips: bool,
 }
 
 impl<'a> Composer<'a> {
@@ -85,6 +114,7 @@ impl<'a> Composer<'a> {
             views,
             free_accessors: VecDeque::new(),
             free_views: VecDeque::new(),
+            strips: false,
         };
         if originals.iter().any(Option::is_some) {
             composer.free_old_data(originals);
@@ -131,7 +161,7 @@ impl<'a> Composer<'a> {
             if !triangles.is_empty() {
                 let template = if passed_on { &blank } else { template(slot) };
                 let plan = plan(document, primitives, template, mesh, grids.get(slot).copied().flatten(), quantized);
-                let encoded = encode_primitive(mesh, triangles, &plan);
+                let encoded = encode_primitive(mesh, triangles, &plan, self.strips);
                 written.push(self.add_primitive(template, encoded));
             }
         }
@@ -164,7 +194,7 @@ impl<'a> Composer<'a> {
         let quantized = declares(&self.document.json, QUANTIZATION);
         let grids = position_grids(self.document, primitives, &point, quantized);
         let plan = plan(self.document, primitives, &primitives[slot], &point, grids[slot], quantized);
-        let encoded = encode_primitive(&point, &[0], &plan);
+        let encoded = encode_primitive(&point, &[0], &plan, false);
         Ok(self.add_primitive(&primitives[slot], encoded))
     }
 
@@ -173,7 +203,10 @@ impl<'a> Composer<'a> {
         let mut primitive = template.clone();
         primitive["attributes"] = self.add_accessors(encoded.attributes);
         primitive["indices"] = json!(self.add_accessor(encoded.indices));
-        super::json::remove(&mut primitive, "mode");
+        match encoded.is_strip {
+            true => primitive["mode"] = json!(TRIANGLE_STRIP),
+            false => super::json::remove(&mut primitive, "mode"),
+        }
         super::json::remove(&mut primitive, "targets");
         if !encoded.targets.is_empty() {
             let targets = encoded.targets.into_iter().map(|target| self.add_accessors(target));

@@ -163,12 +163,14 @@ pub(super) struct PlannedAttribute<'a> {
 /// The new accessors of a primitive.
 pub(super) struct EncodedPrimitive {
     pub(super) indices: Encoded,
+    /// A strip of triangles, not a list.
+    pub(super) is_strip: bool,
     pub(super) attributes: Vec<(String, Encoded)>,
     pub(super) targets: Vec<Vec<(String, Encoded)>>,
 }
 
-/// Encodes some triangles of a mesh as a primitive.
-pub(super) fn encode_primitive(mesh: &Mesh, triangles: &[u32], plan: &Plan<'_>) -> EncodedPrimitive {
+/// Encodes some triangles of a mesh as a primitive; as a strip if that is wanted and takes fewer indices.
+pub(super) fn encode_primitive(mesh: &Mesh, triangles: &[u32], plan: &Plan<'_>, strips: bool) -> EncodedPrimitive {
     let corners: Vec<u32> = triangles.iter().flat_map(|&t| mesh.triangles[t as usize]).collect();
     let mut wedges = corners.clone();
     wedges.sort_unstable();
@@ -195,7 +197,11 @@ pub(super) fn encode_primitive(mesh: &Mesh, triangles: &[u32], plan: &Plan<'_>) 
     }
     let targets = plan.targets.iter().zip(&mesh.morph_targets);
     let targets = targets.map(|(names, target)| encode_target(names, target, &wedges, plan)).collect();
-    EncodedPrimitive { indices: Encoded::indices(&corners, wedges.len()), attributes, targets }
+    // glTF has no index that ends a strip: triangles without area lead to the next one
+    let strip = strips.then(|| meshopt::stripify(&corners, wedges.len(), 0).ok()).flatten();
+    let strip = strip.filter(|strip| strip.len() < corners.len());
+    let indices = Encoded::indices(strip.as_deref().unwrap_or(&corners), wedges.len());
+    EncodedPrimitive { indices, is_strip: strip.is_some(), attributes, targets }
 }
 
 /// The values of an attribute for one primitive.

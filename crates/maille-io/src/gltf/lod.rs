@@ -9,12 +9,12 @@ use std::collections::HashSet;
 use maille::Mesh;
 use serde_json::{Value, json};
 
-use super::accessor::Accessor;
-use super::json::{declare, extension, index, list, remove, remove_extension, text};
+use super::json::{declare, extension, index, remove, remove_extension, text};
 use super::{Document, View};
 use crate::{LodChain, NamedMesh};
 
-const MSFT_LOD: &str = "MSFT_lod";
+pub(super) const MSFT_LOD: &str = "MSFT_lod";
+pub(super) const COVERAGE: &str = "MSFT_screencoverage";
 const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 
 impl Document {
@@ -24,8 +24,8 @@ impl Document {
     }
 
     /// The document with nodes and meshes for the levels of its meshes, and all meshes, in its order: `meshes` and then
-    /// those of the levels.
-    pub(super) fn with_levels(&self, meshes: &[NamedMesh], chain: &LodChain) -> (Self, Vec<NamedMesh>) {
+    /// those of the levels. Nodes list their levels; or these stand beside them, known by their names.
+    pub(super) fn with_levels(&self, meshes: &[NamedMesh], chain: &LodChain, by_name: bool) -> (Self, Vec<NamedMesh>) {
         let mut json = self.json.clone();
         let mut all = meshes.to_vec();
         for (named, mesh) in all.iter_mut().zip(&chain.original) {
@@ -41,25 +41,29 @@ impl Document {
                 json["meshes"].as_array_mut().expect("documents have meshes").push(copy);
             }
         }
-        let mut copy =
-            Self { json, buffers: self.buffers.clone(), views: self.views.clone(), folder: self.folder.clone() };
+        let mut copy = Self { json, ..self.shared() };
         let mut widened = HashSet::new();
         for (i, named) in all.iter().enumerate() {
             copy.add_target_names(i, &named.mesh, &mut widened);
         }
         let mut json = copy.json;
         let moved = moved_nodes(&json);
-        let coverage: Vec<f64> = chain.screen_coverage();
+        let coverage = (!by_name).then(|| chain.screen_coverage());
         for node in 0..self.list("nodes").len() {
             let Some(levels) = index(&json["nodes"][node], "mesh").ok().flatten().and_then(|mesh| numbers.get(mesh))
             else {
                 continue;
             };
             if !levels.is_empty() {
-                add_levels(&mut json, node, levels, moved.contains(&node), &coverage);
+                add_levels(&mut json, node, levels, moved.contains(&node), coverage.as_deref());
             }
         }
-        declare(&mut json, MSFT_LOD);
+        if by_name {
+            let drawn = all.iter_mut().zip(&has_levels).filter(|(_, has_levels)| **has_levels);
+            drawn.for_each(|(named, _)| named.name = level_name(&named.name, 0));
+        } else {
+            declare(&mut json, MSFT_LOD);
+        }
         (Self { json, ..copy }, all)
     }
 
@@ -85,39 +89,19 @@ impl Document {
             .collect();
         append_zero(&mut self.json["meshes"][number]);
         if known > 0 {
-            drawn.into_iter().for_each(|node| self.widen_clips(node, known, widened));
-        }
-    }
-
-    /// Adds a morph target that stays off to the clips that turn those of a node on and off, `known` until now; samplers that
-    /// have it already are in `widened`.
-    fn widen_clips(&mut self, node: usize, known: usize, widened: &mut HashSet<(usize, usize)>) {
-        let mut samplers = Vec::new();
-        for (a, animation) in self.list("animations").iter().enumerate() {
-            for channel in list(animation, "channels").unwrap_or_default() {
-                let target = &channel["target"];
-                let acts = text(target, "path") == "weights" && index(target, "node").ok().flatten() == Some(node);
-                samplers.extend(index(channel, "sampler").ok().flatten().filter(|_| acts).map(|sampler| (a, sampler)));
+            for sampler in self.samplers_of_weights(&drawn) {
+                if widened.insert(sampler) {
+                    // one may serve several meshes
+                    self.rewrite_output(sampler, |values| {
+                        values.chunks_exact(known).flat_map(|key| key.iter().copied().chain([0.0])).collect()
+                    });
+                }
             }
-        }
-        samplers.retain(|&sampler| widened.insert(sampler)); // one may serve several nodes
-        for (a, sampler) in samplers {
-            let output = index(&self.json["animations"][a]["samplers"][sampler], "output").ok().flatten();
-            // what cannot be read is of no use as it is
-            let Some(Ok(accessor)) = output.map(|output| Accessor::new(self, output)) else { continue };
-            let old = accessor.floats(None);
-            let bytes: Vec<u8> = old
-                .chunks_exact(known)
-                .flat_map(|key| key.iter().copied().chain([0.0]))
-                .flat_map(f32::to_le_bytes)
-                .collect();
-            let number = self.push_floats(bytes);
-            self.json["animations"][a]["samplers"][sampler]["output"] = json!(number);
         }
     }
 
     /// A new accessor of single floats.
-    fn push_floats(&mut self, bytes: Vec<u8>) -> usize {
+    pub(super) fn push_floats(&mut self, bytes: Vec<u8>) -> usize {
         let (length, count) = (bytes.len(), bytes.len() / 4);
         push(&mut self.json, "buffers", json!({ "byteLength": length }));
         let view = json!({ "buffer": self.buffers.len(), "byteOffset": 0, "byteLength": length });
@@ -163,16 +147,20 @@ fn channels_of(json: &Value) -> impl Iterator<Item = &Value> {
     animations.flat_map(|animation| animation.get("channels").and_then(Value::as_array).into_iter().flatten())
 }
 
-/// Adds nodes for the levels of a node's mesh, given by their numbers.
-fn add_levels(json: &mut Value, node: usize, levels: &[usize], is_moved: bool, coverage: &[f64]) {
+/// Adds nodes for the levels of a node's mesh, given by their numbers: listed by the node, or beside it if it lists no
+/// coverages.
+fn add_levels(json: &mut Value, node: usize, levels: &[usize], is_moved: bool, coverage: Option<&[f64]>) {
     let has_children = json["nodes"][node].get("children").is_some();
     let carrier = if is_moved || has_children { hand_mesh_down(json, node) } else { node };
+    let name = match text(&json["nodes"][carrier], "name") {
+        "" => text(&json["meshes"][levels[0]], "name").to_owned(), // still that of the original
+        name => name.to_owned(),
+    };
     let mut ids = Vec::new();
     for (k, &mesh) in levels.iter().enumerate() {
         let mut level = json["nodes"][carrier].clone();
         level["mesh"] = json!(mesh);
-        let name = text(&level, "name").to_owned();
-        if !name.is_empty() {
+        if !name.is_empty() || coverage.is_none() {
             level["name"] = json!(level_name(&name, k + 1));
         }
         remove(&mut level, "camera");
@@ -180,10 +168,27 @@ fn add_levels(json: &mut Value, node: usize, levels: &[usize], is_moved: bool, c
         move_weights(json, carrier, id, true);
         ids.push(id);
     }
+    let Some(coverage) = coverage else {
+        json["nodes"][carrier]["name"] = json!(level_name(&name, 0));
+        add_beside(json, carrier, &ids);
+        return;
+    };
     let carrier = &mut json["nodes"][carrier];
     carrier["extensions"][MSFT_LOD] = json!({ "ids": ids });
     if carrier.get("extras").is_none_or(Value::is_object) {
-        carrier["extras"]["MSFT_screencoverage"] = json!(coverage);
+        carrier["extras"][COVERAGE] = json!(coverage);
+    }
+}
+
+/// Adds nodes wherever one is listed: among the children of its parent, or in scenes.
+fn add_beside(json: &mut Value, node: usize, added: &[usize]) {
+    for (key, members) in [("scenes", "nodes"), ("nodes", "children")] {
+        for owner in json.get_mut(key).and_then(Value::as_array_mut).into_iter().flatten() {
+            let Some(numbers) = owner.get_mut(members).and_then(Value::as_array_mut) else { continue };
+            if numbers.iter().any(|number| number == node) {
+                numbers.extend(added.iter().map(|&id| json!(id)));
+            }
+        }
     }
 }
 

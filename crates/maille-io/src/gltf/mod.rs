@@ -18,6 +18,7 @@ mod draco;
 mod encode;
 mod fresh;
 mod json;
+mod levels;
 mod lod;
 mod look;
 mod meshopt;
@@ -35,7 +36,9 @@ use crate::left_out::{count, looks};
 use crate::output::Output;
 use crate::{Asset, LodChain, NamedMesh, ReadError, ReadOptions, WriteError, WriteOptions};
 pub use animation::Animation;
+pub(crate) use animation::Rig;
 use json::{Checked, Fault, Within, extension, index, list, required_index, text};
+pub(crate) use levels::split_levels;
 
 /// Extensions that Maille understands, or that do not touch the geometry.
 const KNOWN: [&str; 7] = [
@@ -116,6 +119,12 @@ impl Document {
         ];
         let others = others.into_iter().filter(|&(n, _)| n > 0).map(|(n, what)| count(n, what));
         looks(materials, self.list("textures").len()).into_iter().chain(others).collect()
+    }
+
+    /// The same buffers with another JSON, which is to be filled in.
+    fn shared(&self) -> Self {
+        let (buffers, views, folder) = (self.buffers.clone(), self.views.clone(), self.folder.clone());
+        Self { json: Value::Null, buffers, views, folder }
     }
 
     /// The bytes of a buffer view and its stride.
@@ -221,11 +230,11 @@ fn warn_of_unknown(json: &Value, warnings: &mut Vec<String>) {
     }
 }
 
-/// The asset as a glTF whose nodes list levels of detail.
-pub(crate) fn with_levels(asset: &Asset, chain: &LodChain) -> Asset {
+/// The asset as a glTF whose nodes list levels of detail; or, if they are to be known by name, has nodes for them.
+pub(crate) fn with_levels(asset: &Asset, chain: &LodChain, by_name: bool) -> Asset {
     let (document, meshes) = match &asset.source {
-        Source::Gltf(document) => document.with_levels(&asset.meshes, chain),
-        _ => fresh::document_for(asset).with_levels(&fresh::with_normals(&asset.meshes), chain),
+        Source::Gltf(document) => document.with_levels(&asset.meshes, chain, by_name),
+        _ => fresh::document_for(asset).with_levels(&fresh::with_normals(&asset.meshes), chain, by_name),
     };
     Asset { meshes, source: Source::Gltf(Arc::new(document)), ..asset.clone() }
 }
@@ -238,14 +247,16 @@ pub(crate) fn write(
     asset: &Asset,
     binary: bool,
     output: &mut Output<'_>,
-    _options: &WriteOptions,
+    options: &WriteOptions,
 ) -> Result<(), WriteError> {
     match &asset.source {
-        Source::Gltf(document) => package::write(compose::compose(document, &asset.meshes)?, document, binary, output),
+        Source::Gltf(document) => {
+            package::write(compose::compose(document, &asset.meshes, options.strips)?, document, binary, output)
+        }
         _ => {
             let document = fresh::document_for(asset);
             let meshes = fresh::with_normals(&asset.meshes);
-            package::write(compose::compose(&document, &meshes)?, &document, binary, output)
+            package::write(compose::compose(&document, &meshes, options.strips)?, &document, binary, output)
         }
     }
 }

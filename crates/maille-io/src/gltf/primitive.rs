@@ -75,7 +75,8 @@ pub(super) fn read_mesh(document: &Document, json: &Value, budget: &mut Budget) 
     Ok((mesh, warnings))
 }
 
-fn material_name(document: &Document, primitive: &Value) -> String {
+/// The name of the material of a primitive: that which it has, or its number; empty without a material.
+pub(super) fn material_name(document: &Document, primitive: &Value) -> String {
     let Ok(Some(number)) = index(primitive, "material") else { return String::new() };
     match document.list("materials").get(number).map_or("", |material| text(material, "name")) {
         "" => format!("material {number}"),

@@ -1,5 +1,6 @@
 //! Where the meshes stand: nodes, skins, and instancing, at rest and posed.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use glam::{DMat4, DQuat, DVec3};
@@ -39,6 +40,11 @@ impl Scene {
             places.extend(Place::new(document, node, skins.len(), budget).within_item("nodes", node)?);
         }
         Ok(Self { tree, locals, skins, places })
+    }
+
+    /// The nodes that are joints of some skin.
+    pub(super) fn joints(&self) -> BTreeSet<usize> {
+        self.skins.iter().flat_map(|skin| &skin.joints).copied().collect()
     }
 
     /// Every appearance of a mesh at rest.
@@ -204,6 +210,12 @@ impl Local {
             Property::Weights(_) => {}
         }
         Self::Parts(parts)
+    }
+
+    /// The same, turned about its own origin before it is where it is, as far as there are parts.
+    pub(super) fn turned(self, turn: DQuat) -> Self {
+        let Some(parts) = self.parts() else { return self };
+        Self::Parts(Parts { rotation: parts.rotation * turn, ..parts })
     }
 
     /// Translation, rotation and scale; `None` for a matrix that has none.

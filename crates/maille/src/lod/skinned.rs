@@ -6,7 +6,7 @@ use super::correspondence::{Correspondence, Target};
 use super::geomorph::{GeomorphError, Level};
 use super::texture::position;
 use crate::Mesh;
-use crate::mesh::{Attribute, Semantic};
+use crate::mesh::{Attribute, MorphTarget, Semantic};
 
 /// The rows of an affine transformation: a point p goes to the products of each row with (p, 1).
 ///
@@ -49,6 +49,8 @@ pub struct Posed {
     pub positions: Vec<[f32; 3]>,
     /// Their unit normals; none if a level has none.
     pub normals: Vec<[f32; 3]>,
+    /// Their unit tangents, and the sign of the bitangents; none if a level has none.
+    pub tangents: Vec<[f32; 4]>,
 }
 
 /// The way from a finer level of a skinned model to a coarser one, in any pose.
@@ -56,8 +58,9 @@ pub struct Posed {
 /// Both levels are skinned, and the skinned wedges go straight from the one to the other (Houle 2000, 5.5): the ends
 /// are exactly the two levels in that pose, whatever happens to joints and weights between them. Of the coarser level
 /// only what moving wedges go to is skinned. Linear blend skinning with all sets of joints and weights that the levels
-/// have; normals are turned by the same matrices and brought back to length 1, which is exact for joints without
-/// unequal scales.
+/// have, after blend shapes ([`pose_blended`](Self::pose_blended)); normals and tangents are turned by the same matrices and
+/// brought back to length 1, which is exact for joints without unequal scales. The sign of a bitangent is that of the nearer
+/// end.
 ///
 /// What vanishes shrinks to its point, moved by the joints of each wedge that shrinks to it.
 ///
@@ -110,8 +113,12 @@ impl SkinnedGeomorph {
         let influences = influences(finer).max(influences(coarser));
         let no_skin = |level| SkinError::NoSkin { level };
         let with_normals = [finer, coarser].iter().all(|mesh| normals(mesh).is_some() || mesh.wedge_count() == 0);
-        let mut own = Skin::new(finer, influences, with_normals).ok_or(no_skin(Level::Finer))?;
-        let mut targets = Skin::new(coarser, influences, with_normals).ok_or(no_skin(Level::Coarser))?;
+        let with_tangents = [finer, coarser].iter().all(|mesh| tangents(mesh).is_some() || mesh.wedge_count() == 0);
+        let with = Fields { influences, normals: with_normals, tangents: with_tangents };
+        let mut own = Skin::new(finer, with).ok_or(no_skin(Level::Finer))?;
+        let mut targets = Skin::new(coarser, with).ok_or(no_skin(Level::Coarser))?;
+        let shapes = own.shapes.len().max(targets.shapes.len());
+        [&mut own, &mut targets].into_iter().for_each(|skin| skin.shapes.resize_with(shapes, Shape::default));
         let mut moving = Vec::new();
         let mut is_target = vec![false; coarser.wedge_count()];
         for wedge in 0..finer.wedge_count() as u32 {
@@ -143,9 +150,24 @@ impl SkinnedGeomorph {
     /// # Errors
     /// [`SkinError::TooFewMatrices`]; nothing is written then.
     pub fn pose(&self, matrices: &[JointMatrix], finer: &mut Posed, targets: &mut Posed) -> Result<(), SkinError> {
+        self.pose_blended(matrices, &[], finer, targets)
+    }
+
+    /// As [`pose`](Self::pose), with the blend shapes of both levels on, each as far as `weights` says; those without a weight are
+    /// off. A level that was given a `geomorph` shape for other viewers has it among these: it stays off here.
+    ///
+    /// # Errors
+    /// [`SkinError::TooFewMatrices`]; nothing is written then.
+    pub fn pose_blended(
+        &self,
+        matrices: &[JointMatrix],
+        weights: &[f32],
+        finer: &mut Posed,
+        targets: &mut Posed,
+    ) -> Result<(), SkinError> {
         let columns = self.columns(matrices)?;
-        self.finer.pose(&columns, finer);
-        self.targets.pose(&columns, targets);
+        self.finer.pose(&columns, weights, finer);
+        self.targets.pose(&columns, weights, targets);
         Ok(())
     }
 
@@ -169,26 +191,38 @@ impl SkinnedGeomorph {
                 if t < 1.0 { line(from, to).into() } else { to }
             },
         );
-        if self.finer.normals.is_empty() {
-            return;
-        }
-        self.move_each(&mut finer.normals, &targets.normals, |from, to| {
+        let direction = |from: [f32; 3], to: [f32; 3]| {
             let nearer = if t < 0.5 { from } else { to };
             if t < 1.0 { line(from, to).try_normalize().map_or(nearer, Vec3::into) } else { to }
-        });
+        };
+        if !self.finer.normals.is_empty() {
+            self.move_each(&mut finer.normals, &targets.normals, direction);
+        }
+        if !self.finer.tangents.is_empty() {
+            self.move_each(&mut finer.tangents, &targets.tangents, |[ax, ay, az, a], [bx, by, bz, b]| {
+                let [x, y, z] = direction([ax, ay, az], [bx, by, bz]);
+                [x, y, z, if t < 0.5 { a } else { b }]
+            });
+        }
     }
 
     #[inline]
-    fn move_each(&self, out: &mut [[f32; 3]], to: &[[f32; 3]], between: impl Fn([f32; 3], [f32; 3]) -> [f32; 3]) {
+    fn move_each<const N: usize>(
+        &self,
+        out: &mut [[f32; N]],
+        to: &[[f32; N]],
+        between: impl Fn([f32; N], [f32; N]) -> [f32; N],
+    ) {
         for &[wedge, target] in &self.moving {
             let out = &mut out[wedge as usize];
             *out = between(*out, to[target as usize]);
         }
     }
 
-    /// How many values a moment takes to interpolate: positions and normals.
+    /// How many values a moment takes to interpolate: positions, normals and tangents.
     pub fn interpolations(&self) -> usize {
-        self.moving.len() * if self.finer.normals.is_empty() { 1 } else { 2 }
+        let fields = [self.finer.normals.is_empty(), self.finer.tangents.is_empty()];
+        self.moving.len() * (1 + fields.iter().filter(|&&is_empty| !is_empty).count())
     }
 
     /// The largest distance, in model units and over the poses given, between where a wedge ends when only its
@@ -247,6 +281,10 @@ struct Skin {
     positions: Vec<[f32; 3]>,
     /// Empty if they are not asked for.
     normals: Vec<[f32; 3]>,
+    /// Empty if they are not asked for.
+    tangents: Vec<[f32; 4]>,
+    /// The blend shapes.
+    shapes: Vec<Shape>,
     /// How many joints move each wedge: the same for all, so that the loop is the same.
     influences: usize,
     /// Each with its weight; those without weight are joint 0.
@@ -255,9 +293,55 @@ struct Skin {
     wanted: Vec<u32>,
 }
 
+/// What a blend shape adds to wedges at rest; nothing, where a list is too short.
+#[derive(Debug, Clone, Default)]
+struct Shape {
+    positions: Vec<[f32; 3]>,
+    normals: Vec<[f32; 3]>,
+    tangents: Vec<[f32; 3]>,
+}
+
+impl Shape {
+    fn of(target: &MorphTarget) -> Self {
+        let deltas = |semantic: Semantic| {
+            let found = target.attributes.iter().find(|a| a.semantic == semantic && a.components == 3);
+            found.and_then(Attribute::as_f32).map_or(Vec::new(), |values| values.as_chunks::<3>().0.to_vec())
+        };
+        Self {
+            positions: deltas(Semantic::Position),
+            normals: deltas(Semantic::Normal),
+            tangents: deltas(Semantic::Tangent),
+        }
+    }
+
+    fn lists(&self) -> [&[[f32; 3]]; 3] {
+        [&self.positions, &self.normals, &self.tangents]
+    }
+
+    /// Adds the deltas of a wedge of another shape at the end, behind `count` others.
+    fn push(&mut self, count: usize, like: &Self, wedge: u32) {
+        let own = [&mut self.positions, &mut self.normals, &mut self.tangents];
+        for (own, theirs) in own.into_iter().zip(like.lists()) {
+            if let Some(&delta) = theirs.get(wedge as usize) {
+                own.resize(count, [0.0; 3]);
+                own.push(delta);
+            }
+        }
+    }
+}
+
+/// What wedges have.
+#[derive(Debug, Clone, Copy)]
+struct Fields {
+    influences: usize,
+    normals: bool,
+    tangents: bool,
+}
+
 impl Skin {
     /// `None` if the mesh has wedges, but no joints and weights.
-    fn new(mesh: &Mesh, influences: usize, with_normals: bool) -> Option<Self> {
+    fn new(mesh: &Mesh, with: Fields) -> Option<Self> {
+        let influences = with.influences;
         let wedges = mesh.wedge_count();
         if influences == 0 || (influences_of(mesh).next().is_none() && wedges > 0) {
             return None;
@@ -272,14 +356,19 @@ impl Skin {
             }
         }
         let positions = (0..wedges as u32).map(|wedge| position(mesh, wedge).to_array()).collect();
-        let normals = normals(mesh).filter(|_| with_normals).map_or(Vec::new(), <[_]>::to_vec);
-        Some(Self { positions, normals, influences, joints, wanted: Vec::new() })
+        let normals = normals(mesh).filter(|_| with.normals).map_or(Vec::new(), <[_]>::to_vec);
+        let tangents = tangents(mesh).filter(|_| with.tangents).map_or(Vec::new(), <[_]>::to_vec);
+        let shapes = mesh.morph_targets.iter().map(Shape::of).collect();
+        Some(Self { positions, normals, tangents, shapes, influences, joints, wanted: Vec::new() })
     }
 
     /// Adds a point that moves as a wedge of another skin does, and tells its place.
     fn push(&mut self, point: [f32; 3], like: &Self, wedge: u32) -> u32 {
+        let count = self.positions.len();
         self.positions.push(point);
         self.normals.extend(like.normals.get(wedge as usize));
+        self.tangents.extend(like.tangents.get(wedge as usize));
+        self.shapes.iter_mut().zip(&like.shapes).for_each(|(own, like)| own.push(count, like, wedge));
         self.joints.extend_from_slice(like.joints_of(wedge));
         self.positions.len() as u32 - 1
     }
@@ -291,13 +380,21 @@ impl Skin {
 
     /// Whether a wedge may be elsewhere, in some pose, than one of another skin.
     fn differs(&self, wedge: u32, other: &Self, place: u32) -> bool {
-        let bits = |values: &[[f32; 3]], i: u32| values.get(i as usize).map(|v| v.map(f32::to_bits));
+        fn bits<const N: usize>(values: &[[f32; N]], i: u32) -> Option<[u32; N]> {
+            values.get(i as usize).map(|v| v.map(f32::to_bits))
+        }
+        let delta = |values: &[[f32; 3]], i: u32| values.get(i as usize).copied().unwrap_or_default();
+        let mut shapes = self.shapes.iter().zip(&other.shapes);
         let joints = |skin: &Self, i: u32| -> Vec<(u32, u32)> {
             skin.joints_of(i).iter().map(|&(joint, weight)| (joint, weight.to_bits())).collect()
         };
         bits(&self.positions, wedge) != bits(&other.positions, place)
             || bits(&self.normals, wedge) != bits(&other.normals, place)
+            || bits(&self.tangents, wedge) != bits(&other.tangents, place)
             || joints(self, wedge) != joints(other, place)
+            || shapes.any(|(own, theirs)| {
+                own.lists().into_iter().zip(theirs.lists()).any(|(a, b)| delta(a, wedge) != delta(b, place))
+            })
     }
 
     fn joint_count(&self) -> usize {
@@ -314,14 +411,27 @@ impl Skin {
         Columns(sum)
     }
 
-    fn pose(&self, matrices: &[Columns], out: &mut Posed) {
+    fn pose(&self, matrices: &[Columns], weights: &[f32], out: &mut Posed) {
         out.positions.resize(self.positions.len(), [0.0; 3]);
         out.normals.resize(self.normals.len(), [0.0; 3]);
+        out.tangents.resize(self.tangents.len(), [0.0; 4]);
+        let on = self.shapes.iter().zip(weights).filter(|&(_, &weight)| weight != 0.0);
+        let on: Vec<(&Shape, f32)> = on.map(|(shape, &weight)| (shape, weight)).collect();
+        let shaped = |value: [f32; 3], deltas: fn(&Shape) -> &[[f32; 3]], i: usize| -> [f32; 3] {
+            let delta = |&(shape, weight): &(&Shape, f32)| Some(Vec3::from(*deltas(shape).get(i)?) * weight);
+            on.iter().filter_map(delta).fold(Vec3::from(value), |sum, delta| sum + delta).into()
+        };
         for &wedge in &self.wanted {
             let (blended, i) = (self.blended(wedge, matrices), wedge as usize);
-            out.positions[i] = blended.point(self.positions[i]).into();
+            out.positions[i] = blended.point(shaped(self.positions[i], |shape| &shape.positions, i)).into();
             if let Some(&normal) = self.normals.get(i) {
-                out.normals[i] = blended.vector(normal).try_normalize().map_or(normal, Vec3::into);
+                let turned = blended.vector(shaped(normal, |shape| &shape.normals, i));
+                out.normals[i] = turned.try_normalize().map_or(normal, Vec3::into);
+            }
+            if let Some(&[x, y, z, sign]) = self.tangents.get(i) {
+                let turned = blended.vector(shaped([x, y, z], |shape| &shape.tangents, i));
+                let [x, y, z] = turned.try_normalize().map_or([x, y, z], Vec3::into);
+                out.tangents[i] = [x, y, z, sign];
             }
         }
     }
@@ -343,4 +453,9 @@ fn influences(mesh: &Mesh) -> usize {
 fn normals(mesh: &Mesh) -> Option<&[[f32; 3]]> {
     let normals = mesh.wedge_attribute(&Semantic::Normal).filter(|attribute| attribute.components == 3)?;
     Some(normals.as_f32()?.as_chunks::<3>().0)
+}
+
+fn tangents(mesh: &Mesh) -> Option<&[[f32; 4]]> {
+    let tangents = mesh.wedge_attribute(&Semantic::Tangent).filter(|attribute| attribute.components == 4)?;
+    Some(tangents.as_f32()?.as_chunks::<4>().0)
 }

@@ -631,6 +631,39 @@ fn skinned_levels_are_met_at_both_ends() {
 }
 
 #[test]
+fn skinned_levels_take_their_blend_shapes_along() {
+    let (mut finer, mut coarser, correspondence) = skinned_levels(5);
+    for (seed, mesh) in [(40, &mut finer), (50, &mut coarser)] {
+        let deltas: Vec<f32> = (0..3 * mesh.wedge_count()).map(|i| 0.1 * noise(seed, i)).collect();
+        let shape = |name: &str| crate::mesh::MorphTarget {
+            name: name.into(),
+            attributes: vec![Attribute::new_f32(Semantic::Position, 3, deltas.clone())],
+        };
+        mesh.morph_targets = vec![shape("smile"), shape("geomorph")];
+    }
+    let geomorph = SkinnedGeomorph::new(&finer, &coarser, &correspondence).unwrap();
+    let pose = pose(6);
+    let (mut shown, mut targets) = (Posed::default(), Posed::default());
+    geomorph.pose_blended(&pose, &[0.5], &mut shown, &mut targets).unwrap();
+    let shaped = |mesh: &Mesh, wedge: usize| {
+        let deltas = mesh.morph_targets[0].attributes[0].as_f32().unwrap();
+        let at_rest = Vec3::from(mesh.positions[mesh.wedge_vertices[wedge] as usize]);
+        skinned_point(mesh, wedge, (at_rest + 0.5 * Vec3::from_slice(&deltas[3 * wedge..])).into(), &pose)
+    };
+    let near = |p: [f32; 3], known: DVec3| Vec3::from(p).as_dvec3().distance(known) < 1e-5;
+    assert!((0..finer.wedge_count()).all(|wedge| near(shown.positions[wedge], shaped(&finer, wedge))));
+    geomorph.morph(1.0, &mut shown, &targets);
+    for (wedge, &target) in correspondence.wedges.iter().enumerate().filter(|&(wedge, _)| wedge != 7) {
+        assert!(near(shown.positions[wedge], shaped(&coarser, target as usize)));
+    }
+    // the tangents go along, at length 1
+    assert_eq!(shown.tangents.len(), finer.wedge_count());
+    assert!(shown.tangents.iter().all(|&[x, y, z, _]| (Vec3::new(x, y, z).length() - 1.0).abs() < 1e-5));
+    let target = correspondence.wedges[0] as usize;
+    assert_eq!(shown.tangents[0], targets.tangents[target], "the end is the coarser level");
+}
+
+#[test]
 fn all_sets_of_joints_count_and_those_without_weight_need_no_matrix() {
     let mut mesh = shapes::tetrahedron();
     let set = |joints: [u32; 4], weights: [f32; 4], n| {

@@ -5,9 +5,11 @@
 //! in double precision.
 
 mod choice;
+mod made_up;
 mod pose;
 
 pub use choice::PoseChoice;
+pub use made_up::MadeUpPose;
 pub use pose::{Influences, Pose};
 
 use glam::{DMat4, DQuat, DVec3};
@@ -90,6 +92,18 @@ pub enum Keys {
     Weights(Vec<f32>),
 }
 
+impl Keys {
+    /// Which property it is, as a number.
+    pub fn number(&self) -> usize {
+        match self {
+            Self::Translation(_) => 0,
+            Self::Rotation(_) => 1,
+            Self::Scale(_) => 2,
+            Self::Weights(_) => 3,
+        }
+    }
+}
+
 /// An animated property at one time.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Property {
@@ -101,6 +115,47 @@ pub enum Property {
     Scale(DVec3),
     /// Of each morph target.
     Weights(Vec<f64>),
+}
+
+impl Property {
+    /// The middle of the range that some values of one property lie in: of each number, that between its extremes; of
+    /// rotations, half way between the two that seem farthest apart. `None` if there are none.
+    pub fn middle(values: &[Self]) -> Option<Self> {
+        let rotations =
+            || values.iter().filter_map(|value| if let Self::Rotation(q) = value { Some(*q) } else { None });
+        let vectors = || {
+            values.iter().filter_map(|value| match value {
+                Self::Translation(v) | Self::Scale(v) => Some(*v),
+                _ => None,
+            })
+        };
+        let centre = |vectors: &mut dyn Iterator<Item = DVec3>| {
+            let (low, high) = vectors.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+            (low + high) / 2.0
+        };
+        Some(match values.first()? {
+            Self::Translation(_) => Self::Translation(centre(&mut vectors())),
+            Self::Scale(_) => Self::Scale(centre(&mut vectors())),
+            Self::Rotation(first) => {
+                let farthest_from = |q: DQuat| rotations().min_by(|a, b| q.dot(*a).abs().total_cmp(&q.dot(*b).abs()));
+                let one = farthest_from(*first)?;
+                let other = farthest_from(one)?;
+                Self::Rotation(one.slerp(other, 0.5))
+            }
+            Self::Weights(first) => {
+                let of = |target: usize| {
+                    let weights = values.iter().filter_map(move |value| match value {
+                        Self::Weights(weights) => weights.get(target).copied(),
+                        _ => None,
+                    });
+                    let (low, high) =
+                        weights.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), w| (l.min(w), h.max(w)));
+                    (low + high) / 2.0
+                };
+                Self::Weights((0..first.len()).map(of).collect())
+            }
+        })
+    }
 }
 
 impl Default for Joint {

@@ -10,10 +10,11 @@ use serde_json::{Value, json};
 
 use super::report::{Report, markdown};
 use crate::args::{Level, MetricsArgs, UpAxis};
+use crate::commands::collapse::{by_name, name_of};
 use crate::commands::report::{
     Card, HeatScale, Look, Model, ReportFiles, Shot, Studio, Trial, Trials, attributes_json, curve_json, escape,
 };
-use crate::commands::simplify::{by_name, name_of, stop_name};
+use crate::commands::simplify::stop_name;
 use crate::failure::Failure;
 use crate::output;
 use crate::session::Session;

@@ -8,7 +8,7 @@ use maille::Mesh;
 use maille::measure::{CompareError, CompareOptions, Comparison, compare};
 use maille_io::{Asset, AssetOptions, AssetReport, simplify_asset};
 
-use crate::commands::simplify::refusal;
+use crate::commands::collapse::refusal;
 use crate::failure::Failure;
 use crate::session::Session;
 

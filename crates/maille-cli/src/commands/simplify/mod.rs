@@ -3,18 +3,16 @@
 mod report;
 
 use std::cmp::Reverse;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use maille::cluster::ClusterMethod;
 use maille::refit::RefitOptions;
-use maille::simplify::{
-    AttributeMetricKind, AttributeWeights, ColorSpace, EdgePolicy, MetricKind, Order, PlacementKind, QuadricMemory,
-    Refusals, SimplifyError, SimplifyOptions, Stop, TopologyPolicy,
-};
-use maille_io::{Asset, AssetOptions, AssetReport, Budget, ProcessError, WriteOptions, Written, simplify_asset};
+use maille::simplify::{EdgePolicy, MetricKind, Order, PlacementKind, Refusals, SimplifyOptions, Stop};
+use maille_io::{Asset, AssetOptions, AssetReport, Budget, WriteOptions, Written, simplify_asset};
 use serde_json::{Value, json};
 
 use self::report::Evidence;
+use super::collapse::{self, by_name, name_of, refusal};
 use super::report::ReportFiles;
 use crate::args::{Normals, Preset, SimplifyArgs, Turn, Weights};
 use crate::failure::Failure;
@@ -32,8 +30,13 @@ pub(crate) fn run(args: &SimplifyArgs) -> Result<(), Failure> {
     let session = Session::start(&args.common)?;
     let mut ledger = Ledger::new(files.is_some());
     let mut asset = ledger.stage("read", |_| session.read(&args.input))?;
+    if let Some(Ok((whole, levels))) = asset.split_levels() {
+        session
+            .note(&format!("the {} levels of detail of the file are left out: they are of the original", levels.len()));
+        asset = whole;
+    }
     let diagonal = super::diagonal(&asset);
-    let options = options(args, &asset, diagonal);
+    let options = options(args, &asset, diagonal)?;
     let report = ledger.stage("simplify", |times| {
         let control = session.control();
         simplify_asset(&mut asset, &options, control.with_times(times)).map_err(|error| refusal(&args.input, &error))
@@ -65,54 +68,42 @@ pub(crate) fn run(args: &SimplifyArgs) -> Result<(), Failure> {
 fn cluster_method(args: &SimplifyArgs) -> Option<ClusterMethod> {
     match args.method.as_deref() {
         Some(name) => by_name(&ClusterMethod::NAMES, name),
-        None => (args.preset == Preset::Fastest).then(ClusterMethod::default),
+        None => (args.collapse.preset == Preset::Fastest).then(ClusterMethod::default),
     }
-}
-
-/// Whether attributes count in the metric.
-fn attributes_count(args: &SimplifyArgs) -> bool {
-    args.attributes.unwrap_or(args.metric.is_none() || !args.attribute_weight.is_empty())
 }
 
 /// Refuses options that clustering cannot heed, or the surface alone.
 fn check_method(args: &SimplifyArgs) -> Result<(), Failure> {
+    let collapsing = &args.collapse;
     let Some(method) = cluster_method(args) else {
-        let of_attributes = [
-            ("--color-space", args.color_space != "rgb"),
-            ("--attribute-metric", args.attribute_metric != "gradients"),
-        ];
-        if let Some((option, _)) = of_attributes.iter().find(|(_, given)| *given && !attributes_count(args)) {
-            let reason = "is for attributes that count, here the surface alone does; add --attributes";
-            return Err(Failure::Usage(format!("{option} {reason}")));
-        }
-        return Ok(());
+        return collapse::check(collapsing);
     };
     let of_collapses = [
         ("--cluster-first", args.cluster_first.is_some()),
-        ("--metric", args.metric.is_some()),
-        ("--placement", args.placement.is_some()),
+        ("--metric", collapsing.metric.is_some()),
+        ("--placement", collapsing.placement.is_some()),
         ("--order", args.order.is_some()),
-        ("--weights", args.weights != Weights::Area),
-        ("--boundary", args.boundary.is_some()),
-        ("--seams", args.seams.is_some()),
-        ("--material-borders", args.material_borders.is_some()),
-        ("--constraint-weight", args.constraint_weight != 1.0),
-        ("--topology", args.topology.is_some()),
-        ("--max-normal-turn", args.max_normal_turn != Turn(Some(75.0))),
-        ("--valence", args.valence.is_some()),
-        ("--min-quality", args.min_quality.is_some()),
-        ("--join-distance", args.join_distance.is_some()),
-        ("--normals", args.normals != Normals::Interpolate),
-        ("--max-influences", args.max_influences.is_some()),
-        ("--color-space", args.color_space != "rgb"),
-        ("--attribute-metric", args.attribute_metric != "gradients"),
-        ("--attributes", args.attributes.is_some()),
-        ("--attribute-weight", !args.attribute_weight.is_empty()),
-        ("--max-texel-error", args.max_texel_error.is_some()),
-        ("--texture-may-fold", args.texture_may_fold),
-        ("--max-normal-deviation", args.max_normal_deviation != Turn(None)),
-        ("--silhouette-weight", args.silhouette_weight != 0.0),
-        ("--no-self-intersections", args.no_self_intersections),
+        ("--weights", collapsing.weights != Weights::Area),
+        ("--boundary", collapsing.boundary.is_some()),
+        ("--seams", collapsing.seams.is_some()),
+        ("--material-borders", collapsing.material_borders.is_some()),
+        ("--constraint-weight", collapsing.constraint_weight != 1.0),
+        ("--topology", collapsing.topology.is_some()),
+        ("--max-normal-turn", collapsing.max_normal_turn != Turn(Some(75.0))),
+        ("--valence", collapsing.valence.is_some()),
+        ("--min-quality", collapsing.min_quality.is_some()),
+        ("--join-distance", collapsing.join_distance.is_some()),
+        ("--normals", collapsing.normals != Normals::Interpolate),
+        ("--max-influences", collapsing.max_influences.is_some()),
+        ("--color-space", collapsing.color_space != "rgb"),
+        ("--attribute-metric", collapsing.attribute_metric != "gradients"),
+        ("--attributes", collapsing.attributes.is_some()),
+        ("--attribute-weight", !collapsing.attribute_weight.is_empty()),
+        ("--max-texel-error", collapsing.max_texel_error.is_some()),
+        ("--texture-may-fold", collapsing.texture_may_fold),
+        ("--max-normal-deviation", collapsing.max_normal_deviation != Turn(None)),
+        ("--silhouette-weight", collapsing.silhouette_weight != 0.0),
+        ("--no-self-intersections", collapsing.no_self_intersections),
         ("--certify", args.certify),
     ];
     match of_collapses.iter().find(|(_, given)| *given) {
@@ -127,114 +118,27 @@ fn check_method(args: &SimplifyArgs) -> Result<(), Failure> {
 }
 
 /// What the options mean for this asset.
-fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> AssetOptions {
-    let mut simplify = preset(args.preset);
+fn options(args: &SimplifyArgs, asset: &Asset, diagonal: f64) -> Result<AssetOptions, Failure> {
+    let collapsing = &args.collapse;
+    let mut simplify = collapse::simplify_options(collapsing, diagonal);
     let by_ratio = |ratio: f64| (ratio * asset.drawn_triangle_count() as f64).round().max(1.0) as usize;
     simplify.target.triangles = args.triangles.or(args.ratio.map(by_ratio));
     simplify.target.max_error = args.max_error.map(|error| error.in_units(diagonal));
-    if let Some(metric) = args.metric.as_deref().and_then(|name| by_name(&MetricKind::NAMES, name)) {
-        simplify.metric = metric;
-    }
-    if let Some(placement) = args.placement.as_deref().and_then(|name| by_name(&PlacementKind::NAMES, name)) {
-        simplify.placement = placement;
-    }
     if let Some(order) = args.order.as_deref().and_then(|name| by_name(&Order::NAMES, name)) {
         simplify.order = order;
     }
-    simplify.quadric_weight = args.weights.into();
-    simplify.memory = args.memory.as_deref().and_then(|name| by_name(&QuadricMemory::NAMES, name));
-    simplify.position_sigma = args.position_sigma.unwrap_or(simplify.position_sigma);
-    simplify.normal_sigma = args.normal_sigma.unwrap_or(simplify.normal_sigma);
-    simplify.line_weight = args.line_weight.unwrap_or(simplify.line_weight);
-    simplify.silhouette_weight = args.silhouette_weight;
-    for (place, given) in [
-        (&mut simplify.boundary, args.boundary),
-        (&mut simplify.seams, args.seams),
-        (&mut simplify.material_borders, args.material_borders),
-    ] {
-        if let Some(policy) = given {
-            *place = policy.into();
-        }
-    }
-    simplify.constraint_weight = args.constraint_weight;
-    if let Some(topology) = args.topology.as_deref().and_then(|name| by_name(&TopologyPolicy::NAMES, name)) {
-        simplify.topology = topology;
-    }
-    simplify.max_normal_turn = args.max_normal_turn.0.map(f64::to_radians);
-    simplify.max_normal_deviation = args.max_normal_deviation.0.map(f64::to_radians);
-    simplify.valence = args.valence;
-    simplify.min_quality = args.min_quality;
-    simplify.no_self_intersections = args.no_self_intersections;
-    let near = (args.preset == Preset::Aggressive).then_some(NEAR_PARTS * diagonal);
-    simplify.join_distance = args.join_distance.map(|distance| distance.in_units(diagonal)).or(near);
-    simplify.normals = args.normals.into();
-    simplify.max_influences = args.max_influences;
-    if !attributes_count(args) {
-        simplify.attributes = AttributeWeights::NONE;
-    }
-    simplify.attribute_metric = by_name(&AttributeMetricKind::NAMES, &args.attribute_metric).unwrap_or_default();
-    simplify.color_space = by_name(&ColorSpace::NAMES, &args.color_space).unwrap_or_default();
-    simplify.texture_may_fold = args.texture_may_fold;
-    let refit =
-        args.refit.unwrap_or(args.preset == Preset::Best && !args.no_self_intersections).then(RefitOptions::default);
-    let attribute_weights = args.attribute_weight.clone();
-    let budget = if args.budget == "proportional" { Budget::Proportional } else { Budget::Error };
     simplify.cluster_first = args.cluster_first;
-    AssetOptions {
+    let is_best = collapsing.preset == Preset::Best;
+    let refit = args.refit.unwrap_or(is_best && !collapsing.no_self_intersections);
+    Ok(AssetOptions {
         simplify,
         cluster: cluster_method(args),
-        weld: args.preset == Preset::Aggressive,
-        budget,
-        attribute_weights,
-        max_texel_error: args.max_texel_error,
-        importance: args.importance.clone(),
-        lock: args.lock.clone(),
-        refit,
+        weld: collapsing.preset == Preset::Aggressive,
+        budget: if args.budget == "proportional" { Budget::Proportional } else { Budget::Error },
+        roles: collapse::roles(collapsing)?,
+        refit: refit.then(RefitOptions::default),
         certify: args.certify,
-    }
-}
-
-/// Share of the diagonal within which the aggressive preset joins parts.
-const NEAR_PARTS: f64 = 0.001;
-
-/// The bundle of options that a preset stands for.
-pub(crate) fn preset(preset: Preset) -> SimplifyOptions {
-    let balanced = SimplifyOptions::default();
-    match preset {
-        // clusters, unless --method says otherwise
-        Preset::Fastest | Preset::Balanced => balanced,
-        Preset::Fast => SimplifyOptions { metric: MetricKind::ConstrainedQuadric, ..balanced },
-        Preset::Best => balanced,
-        Preset::Aggressive => SimplifyOptions {
-            boundary: EdgePolicy::Hold,
-            topology: TopologyPolicy::Free,
-            join_parts_only: true,
-            ..balanced
-        },
-    }
-}
-
-pub(crate) fn by_name<T: Copy>(names: &[(&str, T)], name: &str) -> Option<T> {
-    names.iter().find(|(known, _)| *known == name).map(|&(_, value)| value)
-}
-
-pub(crate) fn name_of<T: PartialEq>(names: &[(&'static str, T)], value: &T) -> &'static str {
-    names.iter().find(|(_, known)| known == value).map_or("", |&(name, _)| name)
-}
-
-/// Why a file could not be simplified, for the user.
-pub(crate) fn refusal(path: &Path, error: &ProcessError) -> Failure {
-    let path = path.display();
-    match error {
-        ProcessError::Mesh { error: SimplifyError::Cancelled(_), .. } => Failure::Cancelled,
-        ProcessError::Mesh { error: SimplifyError::NotFinite { .. }, .. } => {
-            Failure::Refused(format!("cannot simplify {path}: {error} (maille repair {path} -o OUT --all)"))
-        }
-        ProcessError::NoTexture => {
-            Failure::Refused(format!("cannot simplify {path}: {error} (leave out --max-texel-error)"))
-        }
-        _ => Failure::Refused(format!("cannot simplify {path}: {error}")),
-    }
+    })
 }
 
 /// What has been done, ready to be told.
@@ -291,7 +195,7 @@ impl Done {
             "collapses": report.collapses,
             "refit": refits,
             "refused": refusals(&report.refused).into_iter().collect::<serde_json::Map<_, _>>(),
-            "preset": preset_name(args.preset),
+            "preset": preset_name(args.collapse.preset),
             "method": self.cluster.map_or("collapse", |method| name_of(&ClusterMethod::NAMES, &method)),
             "metric": self.of_collapses(name_of(&MetricKind::NAMES, &self.options.metric)),
             "placement": self.of_collapses(name_of(&PlacementKind::NAMES, &self.options.placement)),
@@ -434,6 +338,7 @@ fn preset_name(preset: Preset) -> String {
 #[cfg(test)]
 mod tests {
     use clap::Parser;
+    use maille::simplify::TopologyPolicy;
 
     use super::*;
     use crate::args::{Cli, Command};
@@ -451,7 +356,7 @@ mod tests {
         let asset = Asset::from_mesh("cube", maille::mesh::shapes::cube());
         let mut expected = SimplifyOptions::default();
         expected.target.triangles = Some(6);
-        let mut found = options(&parsed("--ratio 50%"), &asset, 2.0).simplify;
+        let mut found = options(&parsed("--ratio 50%"), &asset, 2.0).expect("no files are named").simplify;
         found.max_normal_turn = expected.max_normal_turn; // degrees to radians rounds
         assert_eq!(found, expected);
     }
@@ -461,7 +366,7 @@ mod tests {
         let asset = Asset::from_mesh("cube", maille::mesh::shapes::cube());
         let line = "--max-error 1% --preset aggressive --metric qem --placement midpoint --boundary lock \
                     --max-normal-turn off --valence 4..11";
-        let found = options(&parsed(line), &asset, 2.0).simplify;
+        let found = options(&parsed(line), &asset, 2.0).expect("no files are named").simplify;
         assert_eq!(found.target.max_error, Some(0.02));
         assert_eq!((found.metric, found.placement), (MetricKind::Quadric, PlacementKind::Midpoint));
         assert_eq!((found.boundary, found.seams), (EdgePolicy::Lock, EdgePolicy::Hold));

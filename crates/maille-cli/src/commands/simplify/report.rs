@@ -12,8 +12,9 @@ use maille::simplify::{MetricKind, Order, PlacementKind, Stop, Target, TopologyP
 use maille_io::{Asset, AssetOptions, AssetReport, world_scales};
 use serde_json::{Value, json};
 
-use super::{Done, by_name, name_of, preset_name};
+use super::{Done, preset_name};
 use crate::args::{Level, SimplifyArgs, UpAxis};
+use crate::commands::collapse::{by_name, name_of};
 use crate::commands::report::{
     Bars, Card, Gallery, HeatScale, Look, Page, ReportFiles, Series, Shot, Studio, Trials, angle_bins, attributes_json,
     attributes_rows, bar, command_line, comparison_json, count, curve_json, escape, facts, histogram, log_log, percent,
@@ -582,7 +583,7 @@ impl Teller<'_> {
         let options = &self.done.options;
         let policy = |policy| format!("{policy:?}").to_lowercase();
         let all = [
-            ("preset", preset_name(self.args.preset)),
+            ("preset", preset_name(self.args.collapse.preset)),
             ("metric", name_of(&MetricKind::NAMES, &options.metric).to_owned()),
             ("placement", name_of(&PlacementKind::NAMES, &options.placement).to_owned()),
             ("order", name_of(&Order::NAMES, &options.order).to_owned()),
