@@ -545,10 +545,11 @@ pub(crate) struct RenderArgs {
     pub(crate) common: Common,
 }
 
-/// Runs the main job on a built-in model and writes a report with pictures.
+/// Runs the main jobs on built-in models and writes a report with pictures.
 ///
-/// Simplifies it to several levels, measures each against the original, writes the levels as .glb files and
-/// `report.html`, one file that opens in any browser and asks for nothing from the network.
+/// Simplifies a statue to several levels and measures each against the original; makes levels of detail of a character,
+/// measures them over its clips and shows one melt into the next. Writes the levels as .glb files and `report.html`, one file
+/// that opens in any browser and asks for nothing from the network.
 #[derive(Debug, Args)]
 #[command(after_long_help = "Examples:\n  maille demo\n  maille demo -o /tmp/demo")]
 pub(crate) struct DemoArgs {

@@ -124,7 +124,7 @@ fn a_chain_is_recognised_and_may_be_edited() {
     // the levels stay as they are, but for one
     folder.done(&["simplify", "level.glb", "-o", "edited.glb", "--ratio", "50%"]);
     let report = folder.json(&["lod", "b.glb", "-o", "c.glb", "--edited", "2=edited.glb", "--geomorph=both"]);
-    let triangles = |report: &Value| -> Vec<Value> {
+    let triangles = |report: &serde_json::Value| -> Vec<serde_json::Value> {
         report["levels"].as_array().into_iter().flatten().map(|level| level["triangles"].clone()).collect()
     };
     assert_eq!(triangles(&report), [1024, 102]);

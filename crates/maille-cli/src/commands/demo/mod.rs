@@ -1,5 +1,6 @@
-//! `maille demo`: the main job on a built-in model, with a report.
+//! `maille demo`: the main jobs on built-in models, with a report.
 
+mod character;
 mod history;
 mod report;
 
@@ -12,8 +13,8 @@ use maille::simplify::{SimplifyOptions, Target};
 use maille_io::{Asset, AssetOptions, WriteOptions};
 use serde_json::json;
 
+use self::character::Character;
 use super::report::{Card, HeatScale, Look, Model, Shot, Studio, Trials, count, percent};
-
 use crate::args::DemoArgs;
 use crate::failure::Failure;
 use crate::output;
@@ -51,8 +52,11 @@ pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
         session.progress("simplifying, measuring and drawing", i as f32 / PERCENTS.len() as f32);
         levels.push(demo.level(percent)?);
     }
+    let spinner = session.spinner("moving a character");
+    let character = Character::run(&session, &args.output)?;
+    drop(spinner);
     let history = history::run(&session)?;
-    let report = report::Report { levels: &levels, history: &history, samples: SAMPLES, scale };
+    let report = report::Report { levels: &levels, character: &character, history: &history, samples: SAMPLES, scale };
     let path = args.output.join("report.html");
     session.write_bytes(report.html().as_bytes(), &path)?;
     let seconds = start.elapsed().as_secs_f64();
@@ -61,6 +65,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<(), Failure> {
             "report": path.display().to_string(),
             "seconds": seconds,
             "levels": levels.iter().map(Level::json).collect::<Vec<_>>(),
+            "character": character.json(),
         })
     };
     session.result(json, || summary(&levels, &path, seconds))

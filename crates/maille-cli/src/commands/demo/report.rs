@@ -2,6 +2,7 @@
 
 use maille::measure::Comparison;
 
+use super::character::Character;
 use super::history::{self, History};
 use super::{Level, PICTURE};
 use crate::commands::report::{Gallery, HeatScale, Page, Series, count, log_log, percent, table};
@@ -10,6 +11,7 @@ use crate::output::{bytes, seconds};
 /// What the report tells.
 pub(super) struct Report<'a> {
     pub(super) levels: &'a [Level],
+    pub(super) character: &'a Character,
     pub(super) history: &'a History,
     pub(super) samples: u64,
     pub(super) scale: HeatScale,
@@ -25,6 +27,7 @@ impl Report<'_> {
         page.add(&Gallery { cards: &cards, pairs: false, size, scale: self.scale }.html());
         page.section("Figures", &self.figures());
         page.section("Error over triangles", &self.plot());
+        page.section("A character in levels of detail", &self.character.html());
         page.section("Then and now", &self.history());
         page.section("Do it yourself", &self.commands());
         page.finish("The .glb files are beside this page.")
@@ -125,7 +128,7 @@ impl Report<'_> {
     fn commands(&self) -> String {
         format!(
             "<pre><code>maille simplify {0} -o small.glb --ratio 10% --report report.html\n\
-             maille compare {0} {1} --heatmap error.glb\nmaille bench metrics {0} -o metrics.html</code></pre>\n",
+             maille compare {0} {1} --heatmap error.glb\nmaille lod character.glb -o levels.glb --geomorph\nmaille bench metrics {0} -o metrics.html</code></pre>\n",
             self.original().file,
             self.coarsest().file
         )

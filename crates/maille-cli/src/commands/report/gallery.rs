@@ -70,6 +70,28 @@ impl Gallery<'_> {
     }
 }
 
+/// A picture in a row of them.
+pub(crate) struct Picture {
+    pub(crate) caption: String,
+    /// What it shows, for whom cannot see it.
+    pub(crate) alt: String,
+    pub(crate) png: Vec<u8>,
+}
+
+/// Pictures side by side, `size` in pixels.
+pub(crate) fn film(pictures: &[Picture], (width, height): (u32, u32)) -> String {
+    let figure = |picture: &Picture| {
+        format!(
+            "<figure>\n<img width=\"{width}\" height=\"{height}\" alt=\"{}\" src=\"data:image/png;base64,{}\">\n\
+             <figcaption>{}</figcaption>\n</figure>\n",
+            super::escape(&picture.alt),
+            STANDARD.encode(&picture.png),
+            super::escape(&picture.caption)
+        )
+    };
+    format!("<div class=\"cards\">\n{}</div>\n", pictures.iter().map(figure).collect::<String>())
+}
+
 /// What the colours of the distance pictures mean.
 fn legend(scale: &HeatScale) -> String {
     const STOPS: usize = 9;

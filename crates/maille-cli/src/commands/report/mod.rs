@@ -25,7 +25,7 @@ use crate::failure::Failure;
 use crate::session::Session;
 
 pub(crate) use figures::{angle_bins, attributes_json, attributes_rows, comparison_json, curve_json};
-pub(crate) use gallery::{Card, Gallery, Shot};
+pub(crate) use gallery::{Card, Gallery, Picture, Shot, film};
 pub(crate) use page::{Page, bar, command_line, count, escape, facts, percent, settings, table};
 pub(crate) use plot::{Bars, Series, histogram, linear, log_log};
 pub(crate) use studio::{HeatScale, Look, Model, Studio};
