@@ -3,14 +3,14 @@
 use maille::control::Cancelled;
 use maille::lod::{Geomorph, GeomorphOptions};
 use maille::mesh::MorphTarget;
-use maille::progressive::ProgressiveMesh;
 use maille::refit::{PosedRefitOptions, RefitOptions, refit, refit_in_poses};
-use maille::simplify::{SimplifyError, SimplifyOptions, Target};
+use maille::simplify::{SimplifyError, SimplifyOptions};
 use maille::skin::Pose;
 use maille::{Attribute, Control, Mesh, Semantic};
 use rayon::prelude::*;
 
-use crate::process::{FEWEST, ProcessError, world_scales};
+use crate::process::ProcessError;
+use crate::progressive::{Part, collapses_for, drawn_at, error_at, parts_of, refusal};
 use crate::{Asset, PoseSet, order_for_display, poses_of};
 
 /// How to make a chain of levels.
@@ -85,39 +85,14 @@ pub struct LodLevel {
     pub error: f64,
 }
 
-/// A mesh with all its levels, and what its costs are in world units.
-struct Part {
-    progressive: ProgressiveMesh,
+/// A mesh with all its levels, and those of the chain.
+struct Member {
+    part: Part,
     poses: Vec<Pose>,
-    /// Factor on distances.
-    scale: f64,
-    /// Factor on costs.
-    unit: f64,
-    draws: usize,
     /// The collapses that lead to each level.
     at: Vec<usize>,
     /// The meshes of the levels.
     levels: Vec<Mesh>,
-}
-
-impl Part {
-    /// How many collapses cost at most so much, in world units.
-    fn collapses_within(&self, cost: f64) -> usize {
-        let cheap = self.progressive.costs().partition_point(|&own| f64::from(own) * self.unit <= cost);
-        self.progressive.whole(cheap).min(self.most_collapses())
-    }
-
-    /// How many there may be at most: none of the meshes vanishes.
-    fn most_collapses(&self) -> usize {
-        let least = FEWEST.min(self.progressive.counts_at(0).triangles as usize);
-        let has_enough = |at: usize| self.progressive.counts_at(at).triangles as usize >= least;
-        let places = (0..=self.progressive.collapses_to(least)).rev();
-        places.into_iter().find(|&at| has_enough(at) && self.progressive.whole(at) == at).unwrap_or(0)
-    }
-
-    fn drawn_at(&self, collapses: usize) -> usize {
-        self.progressive.counts_at(collapses).triangles as usize * self.draws
-    }
 }
 
 /// Makes the levels of an asset: each of its meshes is simplified once, all the way, and every level is a moment of that; all
@@ -126,47 +101,27 @@ impl Part {
 /// # Errors
 /// [`ProcessError`].
 pub fn lod_chain(asset: &Asset, options: &LodOptions, control: Control<'_>) -> Result<LodChain, ProcessError> {
-    if asset.triangle_count() == 0 {
-        return Err(ProcessError::NoTriangles);
-    }
     let poses = control.time("poses", || poses_of(asset, &options.poses));
-    let power = options.simplify.metric.cost_power(options.simplify.quadric_weight);
-    let refused =
-        |index: usize| move |error| ProcessError::Mesh { index, name: asset.meshes[index].name.clone(), error };
-    let (scales, draws) = (world_scales(asset), asset.draws());
-    let part = |index: usize| {
-        let target = Target { triangles: Some(0), max_error: None };
-        let poses: Vec<Pose> = poses[index].clone();
-        let simplify = SimplifyOptions { poses: poses.clone(), target, ..options.simplify.clone() };
-        let made = ProgressiveMesh::new(asset.meshes[index].mesh.clone(), &simplify, control);
-        let (progressive, _) = made.map_err(refused(index))?;
-        let scale = scales[index];
-        let (unit, draws) = (scale.powi(power), draws[index]);
-        Ok(Part { progressive, poses, scale, unit, draws, at: Vec::new(), levels: Vec::new() })
-    };
-    let parts = (0..asset.meshes.len()).into_par_iter().map(part);
-    let mut parts: Vec<Part> = parts.collect::<Result<_, ProcessError>>()?;
+    let parts = parts_of(asset, &options.simplify, &poses, control)?;
+    let member = |(part, poses)| Member { part, poses, at: Vec::new(), levels: Vec::new() };
+    let mut members: Vec<Member> = parts.into_iter().zip(poses).map(member).collect();
+    let mut levels = Vec::new();
     for &target in &options.levels {
+        let parts: Vec<&Part> = members.iter().map(|member| &member.part).collect();
         let at = collapses_for(&parts, target);
-        parts.iter_mut().zip(at).for_each(|(part, at)| part.at.push(at));
+        let parts = || parts.iter().copied();
+        let (triangles, error) = (drawn_at(parts(), &at), error_at(parts(), &at));
+        levels.push(LodLevel { triangles, error, meshes: Vec::new() });
+        members.iter_mut().zip(at).for_each(|(member, at)| member.at.push(at));
     }
-    let each = parts.par_iter_mut().zip(&asset.meshes).enumerate();
-    each.try_for_each(|(index, (part, named))| {
-        let cancelled = |error| refused(index)(SimplifyError::Cancelled(error));
-        part.make_levels(&named.mesh, options, control).map_err(cancelled)
+    let each = members.par_iter_mut().zip(&asset.meshes).enumerate();
+    each.try_for_each(|(index, (member, named))| {
+        let cancelled = |error| refusal(asset, index)(SimplifyError::Cancelled(error));
+        member.make_levels(&named.mesh, options, control).map_err(cancelled)
     })?;
-    let levels = (0..options.levels.len()).map(|k| {
-        let errors = parts.iter().map(|part| part.progressive.error_at(part.at[k]) * part.scale);
-        LodLevel {
-            triangles: parts.iter().map(|part| part.drawn_at(part.at[k])).sum(),
-            error: errors.fold(0.0, f64::max),
-            meshes: Vec::new(),
-        }
-    });
-    let mut chain =
-        LodChain { levels: levels.collect(), original: Vec::new(), diameter: asset.merged_positions().diagonal() };
-    for part in parts {
-        let mut meshes = part.levels.into_iter();
+    let mut chain = LodChain { levels, original: Vec::new(), diameter: asset.merged_positions().diagonal() };
+    for member in members {
+        let mut meshes = member.levels.into_iter();
         if options.geomorph {
             chain.original.extend(meshes.next());
         }
@@ -175,7 +130,7 @@ pub fn lod_chain(asset: &Asset, options: &LodOptions, control: Control<'_>) -> R
     Ok(chain)
 }
 
-impl Part {
+impl Member {
     /// Makes the meshes of all levels: cut out, fitted, in the order for display, and with what it takes to morph each into the
     /// next; before them the original, if it is to be morphed, too.
     fn make_levels(&mut self, original: &Mesh, options: &LodOptions, control: Control<'_>) -> Result<(), Cancelled> {
@@ -183,8 +138,8 @@ impl Part {
         let places: Vec<usize> = first.into_iter().chain(self.at.iter().copied()).collect();
         let mut levels: Vec<Mesh> = Vec::new();
         for (i, &at) in places.iter().enumerate() {
-            self.progressive.seek(at);
-            let mut mesh = self.progressive.to_mesh();
+            self.part.mesh.seek(at);
+            let mut mesh = self.part.mesh.to_mesh();
             let is_original = options.geomorph && i == 0;
             if options.refit && !is_original {
                 self.refit(&mut mesh, original, control)?;
@@ -195,7 +150,7 @@ impl Part {
         if options.geomorph {
             for (pair, meshes) in places.windows(2).zip(levels.windows(2)) {
                 let meshes = [&meshes[0], &meshes[1]];
-                correspondences.push(self.progressive.correspondence([pair[0], pair[1]], meshes));
+                correspondences.push(self.part.mesh.correspondence([pair[0], pair[1]], meshes));
             }
         }
         let orders: Vec<Vec<u32>> = levels.iter_mut().map(order_for_display).collect();
@@ -221,26 +176,4 @@ impl Part {
             refit_in_poses(mesh, original, &self.poses, &PosedRefitOptions::default(), control).map(drop)
         }
     }
-}
-
-/// How far each mesh has to be simplified so that at most so many triangles are drawn, if that is possible.
-fn collapses_for(parts: &[Part], target: usize) -> Vec<usize> {
-    let at = |cost: f64| -> Vec<usize> { parts.iter().map(|part| part.collapses_within(cost)).collect() };
-    let drawn = |at: &[usize]| parts.iter().zip(at).map(|(part, &at)| part.drawn_at(at)).sum::<usize>();
-    let costs = parts.iter().flat_map(|part| part.progressive.costs().iter().map(|&cost| f64::from(cost) * part.unit));
-    let mut costs: Vec<f64> = costs.collect();
-    costs.sort_unstable_by(f64::total_cmp);
-    costs.dedup();
-    // the lowest cost that is enough; collapses of one mesh at that cost, so that no more go than must
-    let enough = costs.partition_point(|&cost| drawn(&at(cost)) > target);
-    let Some(&cost) = costs.get(enough) else { return parts.iter().map(Part::most_collapses).collect() };
-    let before = enough.checked_sub(1).map_or_else(|| vec![0; parts.len()], |i| at(costs[i]));
-    let mut now = before;
-    for (i, part) in parts.iter().enumerate() {
-        let last = part.collapses_within(cost);
-        while drawn(&now) > target && now[i] < last {
-            now[i] = part.progressive.whole(now[i] + 1);
-        }
-    }
-    now
 }

@@ -35,8 +35,16 @@ pub(super) enum Content {
     Free,
 }
 
+/// What becomes of a primitive whose triangles have all gone, while others of its mesh have some.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Emptied {
+    Left,
+    /// Stays, with a triangle that draws nothing: primitives keep their numbers and how their attributes are stored.
+    Kept,
+}
+
 /// Puts meshes into a document.
-pub(super) fn compose(document: &Document, meshes: &[NamedMesh]) -> Result<Composed, WriteError> {
+pub(super) fn compose(document: &Document, meshes: &[NamedMesh], emptied: Emptied) -> Result<Composed, WriteError> {
     let known = document.list("meshes").len();
     if meshes.len() != known {
         return Err(WriteError::new(format!("the asset has {} meshes where its glTF has {known}", meshes.len()))
@@ -50,7 +58,7 @@ pub(super) fn compose(document: &Document, meshes: &[NamedMesh]) -> Result<Compo
             composer.json["meshes"][i]["name"] = json!(new.name);
         }
         if let Some(original) = original {
-            composer.replace(i, &new.mesh, original)?;
+            composer.replace(i, &new.mesh, original, emptied)?;
         }
     }
     if originals.iter().any(Option::is_some) {
@@ -108,7 +116,7 @@ impl<'a> Composer<'a> {
     }
 
     /// Writes the primitives of a mesh anew.
-    fn replace(&mut self, number: usize, mesh: &Mesh, original: &Mesh) -> Result<(), WriteError> {
+    fn replace(&mut self, number: usize, mesh: &Mesh, original: &Mesh, emptied: Emptied) -> Result<(), WriteError> {
         mesh.check().map_err(|e| {
             WriteError::new(format!("mesh {number} is not valid: {e}"))
                 .with_remedy("indices must be in range, and lengths agree")
@@ -133,39 +141,36 @@ impl<'a> Composer<'a> {
                 let plan = plan(document, primitives, template, mesh, grids.get(slot).copied().flatten(), quantized);
                 let encoded = encode_primitive(mesh, triangles, &plan);
                 written.push(self.add_primitive(template, encoded));
+            } else if emptied == Emptied::Kept && !passed_on {
+                let old = (0..original.triangle_count()).find(|&t| original.triangle_material(t) as usize == slot);
+                written.extend(old.map(|triangle| self.point_without_surface(primitives, original, triangle)));
             }
         }
         if written.is_empty() {
-            written.push(self.point_without_surface(number, primitives, original)?);
+            if original.triangles.is_empty() {
+                let message = format!("mesh {number} has no triangles, and a glTF mesh must have some");
+                return Err(WriteError::new(message).with_remedy("remove the mesh and what refers to it"));
+            }
+            written.push(self.point_without_surface(primitives, original, 0));
         }
         self.json["meshes"][number]["primitives"] = Value::Array(written);
         Ok(())
     }
 
-    /// What stands for a mesh whose triangles have all gone: a mesh must have a primitive, and nodes, skins, animations
-    /// and unknown extensions may refer to it. One triangle whose corners all lie on one old vertex draws nothing and
-    /// keeps them all valid.
-    fn point_without_surface(
-        &mut self,
-        number: usize,
-        primitives: &[Value],
-        original: &Mesh,
-    ) -> Result<Value, WriteError> {
+    /// What stands for a mesh or a primitive whose triangles have all gone: a mesh must have a primitive, and nodes, skins,
+    /// animations and unknown extensions may refer to it. One of the old triangles, its corners all on one vertex, draws
+    /// nothing and keeps them all valid.
+    fn point_without_surface(&mut self, primitives: &[Value], original: &Mesh, triangle: usize) -> Value {
+        let slot = original.triangle_material(triangle) as usize;
         let mut point = original.clone();
-        if point.triangles.is_empty() {
-            let message = format!("mesh {number} has no triangles, and a glTF mesh must have some");
-            return Err(WriteError::new(message).with_remedy("remove the mesh and what refers to it"));
-        }
-        point.triangles.truncate(1);
-        point.triangle_materials.truncate(1);
+        point.triangles = vec![[original.triangles[triangle][0]; 3]];
+        point.triangle_materials = vec![slot as u32];
         point.triangle_attributes.clear();
-        point.triangles[0] = [point.triangles[0][0]; 3];
-        let slot = point.triangle_material(0) as usize;
         let quantized = declares(&self.document.json, QUANTIZATION);
         let grids = position_grids(self.document, primitives, &point, quantized);
         let plan = plan(self.document, primitives, &primitives[slot], &point, grids[slot], quantized);
         let encoded = encode_primitive(&point, &[0], &plan);
-        Ok(self.add_primitive(&primitives[slot], encoded))
+        self.add_primitive(&primitives[slot], encoded)
     }
 
     /// A primitive with new accessors and everything else as in the old one.

@@ -35,6 +35,7 @@ use crate::left_out::{count, looks};
 use crate::output::Output;
 use crate::{Asset, LodChain, NamedMesh, ReadError, ReadOptions, WriteError, WriteOptions};
 pub use animation::Animation;
+use compose::Emptied;
 use json::{Checked, Fault, Within, extension, index, list, required_index, text};
 
 /// Extensions that Maille understands, or that do not touch the geometry.
@@ -123,6 +124,12 @@ impl Document {
         let missing = || Fault::new(format!("buffer view {number} does not exist; there are {}", self.views.len()));
         let view = self.views.get(number).ok_or_else(missing)?;
         Ok((&self.buffers[view.buffer][view.start..view.end], view.stride))
+    }
+
+    /// How many material slots a mesh may name: a primitive or a material to each.
+    pub(crate) fn slot_limit(&self, mesh: usize) -> usize {
+        let primitives = self.list("meshes").get(mesh).and_then(|mesh| mesh.get("primitives")?.as_array());
+        primitives.map_or(0, Vec::len).max(self.list("materials").len()).max(1)
     }
 
     /// Bytes in all buffers.
@@ -240,12 +247,23 @@ pub(crate) fn write(
     output: &mut Output<'_>,
     _options: &WriteOptions,
 ) -> Result<(), WriteError> {
+    let mut put = |document: &Document, meshes: &[NamedMesh]| {
+        package::write(compose::compose(document, meshes, Emptied::Left)?, document, binary, output)
+    };
     match &asset.source {
-        Source::Gltf(document) => package::write(compose::compose(document, &asset.meshes)?, document, binary, output),
-        _ => {
-            let document = fresh::document_for(asset);
-            let meshes = fresh::with_normals(&asset.meshes);
-            package::write(compose::compose(&document, &meshes)?, &document, binary, output)
-        }
+        Source::Gltf(document) => put(document, &asset.meshes),
+        _ => put(&fresh::document_for(asset), &fresh::with_normals(&asset.meshes)),
+    }
+}
+
+/// A GLB of an asset with other meshes in the places of its own. Each primitive of a glTF stays, even without triangles, so
+/// that the original meshes fit into what [`read`] makes of it.
+pub(crate) fn glb(asset: &Asset, meshes: &[NamedMesh]) -> Result<Vec<u8>, WriteError> {
+    let put = |document: &Document, meshes: &[NamedMesh]| {
+        package::glb(compose::compose(document, meshes, Emptied::Kept)?, document)
+    };
+    match &asset.source {
+        Source::Gltf(document) => put(document, meshes),
+        _ => put(&fresh::document_for(asset), &fresh::with_normals(meshes)),
     }
 }
