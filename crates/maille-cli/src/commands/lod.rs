@@ -28,7 +28,7 @@ pub(crate) fn run(args: &LodArgs) -> Result<(), Failure> {
         let message = "the file has levels of detail already (make the chain of the original)";
         return Err(Failure::about(&args.input, message));
     }
-    let poses = poses(args, &asset)?;
+    let poses = poses(args.poses.as_deref(), &asset)?;
     let options = LodOptions {
         simplify: SimplifyOptions::default(),
         levels: levels(args, asset.drawn_triangle_count())?,
@@ -93,10 +93,11 @@ fn levels(args: &LodArgs, total: usize) -> Result<Vec<usize>, Failure> {
     }
 }
 
-fn poses(args: &LodArgs, asset: &Asset) -> Result<PoseSet, Failure> {
+/// What `--poses` means for an asset.
+pub(super) fn poses(text: Option<&str>, asset: &Asset) -> Result<PoseSet, Failure> {
     let refuse = |message: String| Err(Failure::Usage(format!("--poses: {message}")));
     let has_clips = !asset.clips().is_empty();
-    let Some(text) = args.poses.as_deref() else {
+    let Some(text) = text else {
         return Ok(if has_clips { PoseSet::Clips { most: POSES } } else { PoseSet::Bind });
     };
     let names = || asset.clips().iter().map(|clip| clip.name.as_str()).collect::<Vec<_>>().join(", ");

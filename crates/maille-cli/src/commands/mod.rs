@@ -8,6 +8,7 @@ mod demo;
 mod info;
 mod lod;
 mod man;
+mod progressive;
 mod render;
 mod repair;
 mod report;
@@ -29,6 +30,7 @@ pub(crate) fn run(cli: Cli) -> Result<(), Failure> {
         Command::Sample(args) => sample::run(&args),
         Command::Simplify(args) => simplify::run(&args),
         Command::Lod(args) => lod::run(&args),
+        Command::Progressive(args) => progressive::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Repair(args) => repair::run(&args),
@@ -73,9 +75,14 @@ fn make_folder(path: &Path) -> Result<(), Failure> {
 fn check_output(path: &Path) -> Result<(), Failure> {
     refuse_folder(path, "model.glb")?;
     match Format::from_path(path) {
+        Some(Format::Mpm) => {
+            let message = "a progressive mesh is made by `maille progressive`";
+            Err(Failure::Usage(format!("{}: {message}", path.display())))
+        }
         Some(_) => Ok(()),
         None => {
-            let known: Vec<String> = Format::EXTENSIONS.iter().map(|(name, _)| format!(".{name}")).collect();
+            let levels = Format::EXTENSIONS.iter().filter(|(_, format)| *format != Format::Mpm);
+            let known: Vec<String> = levels.map(|(name, _)| format!(".{name}")).collect();
             let known = known.join(", ");
             Err(Failure::Usage(format!("{}: the extension names no format; use one of {known}", path.display())))
         }
