@@ -55,7 +55,7 @@ fn make(args: &ProgressiveArgs, session: &Session) -> Result<(), Failure> {
         return Err(Failure::about(&args.input, message));
     }
     let poses = poses(args.poses.as_deref(), &asset)?;
-    let warnings = asset.warnings.clone();
+    let (triangles, mut warnings) = (asset.drawn_triangle_count(), asset.warnings.clone());
     let progressive = ledger.stage("simplify", |times| {
         let control = session.control().with_times(times);
         let made = ProgressiveAsset::new(asset, &SimplifyOptions::default(), &poses, control);
@@ -63,15 +63,20 @@ fn make(args: &ProgressiveArgs, session: &Session) -> Result<(), Failure> {
     })?;
     let written = ledger.stage("write", |_| session.write_progressive(&progressive, &args.output))?;
     let facts = ProgressiveFacts::of(&progressive);
+    if facts.finest < triangles {
+        let degenerate = output::count(triangles - facts.finest);
+        warnings.push(format!("{degenerate} triangles were left out: they name a vertex twice"));
+        session.warn(&args.input, &warnings[warnings.len() - 1..]);
+    }
     let json = || {
         let mut json = common_json(args, session, &ledger, &written, &warnings);
-        json["triangles_in"] = json!(facts.finest);
+        json["triangles_in"] = json!(triangles);
         json["progressive"] = facts.json();
         json
     };
     let text = || {
         let mut listing = Listing::default();
-        listing.heading(format!("{}: {} triangles", args.input.display(), output::count(facts.finest)));
+        listing.heading(format!("{}: {} triangles", args.input.display(), output::count(triangles)));
         facts.describe(&mut listing);
         listing.line("time", output::seconds(ledger.seconds("simplify")));
         listing.line("written", output::written(&written.files));
@@ -92,9 +97,9 @@ fn cut(args: &ProgressiveArgs, level: Level, session: &Session) -> Result<(), Fa
         let collapses = progressive.collapses_for(wanted);
         let mut asset = progressive.level(&collapses);
         asset.meshes.par_iter_mut().for_each(|named| drop(order_for_display(&mut named.mesh)));
-        (asset, collapses)
-    });
-    session.checkpoint()?;
+        session.checkpoint()?;
+        Ok((asset, collapses))
+    })?;
     let (triangles, error) = (asset.drawn_triangle_count(), progressive.error_at(&collapses));
     if triangles > wanted {
         let (found, wanted) = (output::count(triangles), output::count(wanted));
@@ -135,7 +140,7 @@ fn common_json(
         "stages": ledger.json(),
         "threads": session.threads(),
         "peak_bytes": ledger.peak_bytes(),
-        "warnings": [warnings, &written.warnings].concat(),
+        "warnings": ([warnings, &written.warnings].concat()),
     })
 }
 

@@ -250,7 +250,7 @@ impl Writer {
         self.0.extend_from_slice(&word.to_le_bytes());
     }
 
-    /// Not by an iterator of bytes, which is ten times as slow.
+    /// Not by an iterator of bytes, which is many times as slow.
     fn array<T: Copy>(&mut self, values: &[T], bytes: impl Fn(T) -> [u8; 4]) {
         let start = self.0.len();
         self.0.resize(start + 4 * values.len(), 0);

@@ -1,7 +1,7 @@
 //! Whether a progressive mesh that was read holds what moving between its levels relies on.
 
 use super::bytes::DecodeError;
-use super::{Counts, ProgressiveMesh, range_of};
+use super::{AHEAD, Counts, ProgressiveMesh, range_of};
 use crate::topology::UnionFind;
 
 /// Nothing at all, or a number that is beyond all others.
@@ -104,6 +104,9 @@ impl ProgressiveMesh {
         let mut last_change = vec![NONE; if self.log.changed_ends.is_empty() { 0 } else { self.mesh.wedge_count() }];
         for collapse in (0..self.collapse_count()).rev() {
             let [finer, coarser] = [collapse, collapse + 1].map(|at| self.log.counts(at));
+            if let Some(later) = collapse.checked_sub(AHEAD) {
+                self.prefetch(later);
+            }
             for wedge in coarser.wedges..finer.wedges {
                 self.check_corners(wedge, coarser, collapse)?;
             }
