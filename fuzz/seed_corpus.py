@@ -1,9 +1,13 @@
 #!/usr/bin/env python3
-"""Makes the small corpus from which the readers are fuzzed: one file for each form of each format. Run it in fuzz/."""
+"""Makes the small corpus from which the readers are fuzzed: one file for each form of each format. Run it in fuzz/.
+
+Progressive meshes are made by the command `maille`, if it is in the PATH."""
 
 import base64
 import json
+import shutil
 import struct
+import subprocess
 from pathlib import Path
 
 POINTS = [(0, 0, 0), (1, 0, 0), (1, 1, 0.5), (0, 1, 0)]
@@ -96,11 +100,25 @@ def gltf():
     save("gltf", "all.glb", struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body)
 
 
+def mpm():
+    if shutil.which("maille") is None:
+        return print("left out: progressive meshes (there is no maille in the PATH)")
+    (Path("corpus") / "mpm").mkdir(parents=True, exist_ok=True)
+    part = "corpus/mpm/part.ply"
+    for arguments in (
+        ["sample", "vase", "-o", part], ["simplify", part, "--in-place", "--triangles", "60"],
+        ["progressive", part, "-o", "corpus/mpm/part.mpm"],
+        ["progressive", "corpus/gltf/all.glb", "-o", "corpus/mpm/all.mpm"],
+    ):
+        subprocess.run(["maille", *arguments, "--quiet"], check=True)
+    Path(part).unlink()
+
+
 def detect():
-    for target in ("gltf", "ply", "obj", "stl", "off"):
+    for target in ("gltf", "ply", "obj", "stl", "off", "mpm"):
         first = sorted((Path("corpus") / target).iterdir())[0]
         save("detect", first.name, first.read_bytes())
 
 
-for make in (gltf, ply, obj, stl, off, detect):
+for make in (gltf, ply, obj, stl, off, mpm, detect):
     make()

@@ -21,6 +21,7 @@ Exit codes:
 
 Formats, found by content when read and by extension when written:
   glTF 2.0 (.gltf, .glb), PLY (.ply), Wavefront OBJ (.obj), STL (.stl), OFF (.off)
+  progressive meshes (.mpm): made by `maille progressive`; all commands read the finest level
 
 Begin with:
   maille demo                                 a report with pictures, in a browser
@@ -42,7 +43,8 @@ pub(crate) enum Command {
     Convert(ConvertArgs),
     Sample(SampleArgs),
     Simplify(Box<SimplifyArgs>),
-    Lod(LodArgs),
+    Lod(Box<LodArgs>),
+    Progressive(Box<ProgressiveArgs>),
     Compare(CompareArgs),
     Bench(BenchArgs),
     Repair(RepairArgs),
@@ -361,6 +363,42 @@ Examples:
   maille lod character.glb -o levels.glb --levels error=0.1%,error=1% --poses walk@0.5
   maille lod levels.glb -o mended.glb --edited 2=by-hand.glb --geomorph
   maille lod scan.ply -o scan.ply --levels 10%,1%";
+
+/// Makes a progressive mesh, or cuts a level out of one.
+///
+/// Each mesh of the file is simplified once, all the way, and what every collapse changes is kept (.mpm): afterwards a level
+/// of any number of triangles costs milliseconds. A file with several meshes is one asset, whose meshes get to a level at
+/// the same cost. Nodes, materials, skins and clips are in the file, too.
+#[derive(Debug, Args)]
+#[command(after_long_help = PROGRESSIVE_EXAMPLES)]
+pub(crate) struct ProgressiveArgs {
+    /// The file to read: a model, or the .mpm to cut a level out of.
+    pub(crate) input: PathBuf,
+    /// The file to write: an .mpm, or a level in the format that the extension names.
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: PathBuf,
+    /// Cut the finest level of at most so many triangles; those of a mesh that is drawn several times count as often.
+    #[arg(long, value_name = "N", conflicts_with = "ratio", value_parser = parse_count, allow_hyphen_values = true)]
+    pub(crate) triangles: Option<usize>,
+    /// Cut the level of this share of the triangles: 0.1 or 10%.
+    #[arg(long, value_name = "R", value_parser = parse_ratio, allow_hyphen_values = true)]
+    pub(crate) ratio: Option<f64>,
+    /// In which poses the surface is looked at when a progressive mesh is made, as for `maille lod`.
+    #[arg(long, value_name = "POSES", conflicts_with_all = ["triangles", "ratio"])]
+    pub(crate) poses: Option<String>,
+    #[command(flatten)]
+    pub(crate) collapse: CollapseArgs,
+    #[command(flatten)]
+    pub(crate) common: Common,
+}
+
+const PROGRESSIVE_EXAMPLES: &str = "\
+Examples:
+  maille progressive helmet.glb -o helmet.mpm
+  maille progressive helmet.mpm -o level.glb --triangles 5000
+  maille progressive helmet.mpm -o level.glb --ratio 10%
+  maille info helmet.mpm
+  maille convert helmet.mpm -o finest.glb";
 
 /// Measures how far two surfaces are apart.
 ///

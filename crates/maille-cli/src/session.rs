@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use maille::Control;
-use maille_io::{Asset, ReadOptions, WriteOptions, Written};
+use maille_io::{Asset, ProgressiveAsset, ReadError, ReadOptions, WriteError, WriteOptions, Written};
 
 use crate::args::Common;
 use crate::failure::{Failure, say};
@@ -90,21 +90,39 @@ impl Session {
 
     /// Reads a file of any format; what was odd in it is left to the caller to tell.
     pub(crate) fn open(&self, path: &Path) -> Result<Asset, Failure> {
+        self.reading(path, || maille_io::read(path, &ReadOptions::default()))
+    }
+
+    /// Reads a progressive mesh; what was odd in it is left to the caller to tell.
+    pub(crate) fn open_progressive(&self, path: &Path) -> Result<ProgressiveAsset, Failure> {
+        self.reading(path, || ProgressiveAsset::read(path, &ReadOptions::default()))
+    }
+
+    fn reading<T>(&self, path: &Path, read: impl FnOnce() -> Result<T, ReadError>) -> Result<T, Failure> {
         let spinner = self.progress.spinner(format!("reading {}", path.display()));
         MAY_EXIT.store(true, Ordering::SeqCst);
-        let asset = maille_io::read(path, &ReadOptions::default());
+        let content = read();
         MAY_EXIT.store(false, Ordering::SeqCst);
         drop(spinner);
-        let asset = asset?;
+        let content = content?;
         self.checkpoint()?;
-        Ok(asset)
+        Ok(content)
     }
 
     /// Writes a file whole or not at all, and tells what its format could not hold.
     pub(crate) fn write(&self, asset: &Asset, path: &Path, options: &WriteOptions) -> Result<Written, Failure> {
+        self.writing(path, || maille_io::write_with(asset, path, options, self.control()))
+    }
+
+    /// Writes a progressive mesh, as [`write`](Self::write) does an asset.
+    pub(crate) fn write_progressive(&self, progressive: &ProgressiveAsset, path: &Path) -> Result<Written, Failure> {
+        self.writing(path, || progressive.write(path, self.control()))
+    }
+
+    fn writing(&self, path: &Path, write: impl FnOnce() -> Result<Written, WriteError>) -> Result<Written, Failure> {
         self.checkpoint()?;
         let spinner = self.progress.spinner(format!("writing {}", path.display()));
-        let written = maille_io::write_with(asset, path, options, self.control());
+        let written = write();
         drop(spinner);
         if CANCELLED.load(Ordering::SeqCst) && written.is_err() {
             return Err(Failure::Cancelled);

@@ -6,12 +6,13 @@ use maille::mesh::shapes;
 use maille_io::{Asset, WriteOptions};
 use support::Folder;
 
-const COMMANDS: [&str; 12] = [
+const COMMANDS: [&str; 13] = [
     "info",
     "convert",
     "sample",
     "simplify",
     "lod",
+    "progressive",
     "compare",
     "bench",
     "repair",
@@ -63,6 +64,11 @@ fn wrong_usage_ends_with_2() {
         &["lod", "a.ply", "-o", "b.glb", "--levels", "none"],
         &["lod", "a.ply", "-o", "b.glb", "--poses", "clips"],
         &["lod", "a.ply", "-o", "b.unknown"],
+        &["progressive", "a.ply", "-o", "b.glb"],
+        &["progressive", "a.ply", "-o", "b.mpm", "--ratio", "10%"],
+        &["progressive", "a.ply", "-o", "b.unknown", "--ratio", "10%"],
+        &["simplify", "a.ply", "-o", "b.mpm", "--ratio", "0.5"],
+        &["convert", "a.ply", "-o", "b.mpm"],
         &["info", "a.ply", "--threads", "0"],
     ] {
         let run = folder.run(arguments);
@@ -155,6 +161,50 @@ fn masks_are_images_or_attributes() {
     assert!(run.stderr.contains("mask"), "{}", run.stderr);
     folder.done(&["convert", "a.glb", "-o", "a.stl"]);
     folder.refused(&["simplify", "a.stl", "-o", "d.stl", "--ratio", "0.5", "--lock", "mask.png"], "a.stl");
+}
+
+#[test]
+fn progressive_makes_a_file_and_cuts_levels_out_of_it() {
+    let folder = with_sphere("a.ply");
+    let made = folder.json(&["progressive", "a.ply", "-o", "b.mpm"]);
+    let facts = &made["progressive"];
+    assert_eq!((&made["triangles_in"], &facts["triangles_finest"]), (&2048.into(), &2048.into()));
+    assert!(facts["collapses"].as_u64() > Some(900) && facts["bytes_per_collapse"].as_f64() < Some(70.0), "{made}");
+    let cut = folder.json(&["progressive", "b.mpm", "-o", "c.glb", "--triangles", "300"]);
+    assert_eq!((&cut["triangles_in"], &cut["triangles_out"]), (&2048.into(), &300.into()));
+    assert!(cut["error"].as_f64() > Some(0.0));
+    assert_eq!(folder.json(&["info", "c.glb"])["triangles"], 300);
+    folder.done(&["progressive", "b.mpm", "-o", "d.ply", "--ratio", "25%"]);
+    assert_eq!(folder.json(&["info", "d.ply"])["triangles"], 512);
+    assert_eq!(folder.json(&["info", "b.mpm"])["progressive"], *facts);
+    assert!(folder.done(&["info", "b.mpm"]).stdout.contains("bytes each"));
+    // to all other commands it is its finest level
+    folder.done(&["convert", "b.mpm", "-o", "e.ply"]);
+    let distance = folder.json(&["compare", "a.ply", "e.ply", "--samples", "1000"]);
+    assert!(distance["max"].as_f64() < Some(1e-6), "{distance}");
+    let threads = folder.json(&["progressive", "a.ply", "-o", "f.mpm", "--threads", "1"]);
+    assert_eq!(threads["progressive"], *facts);
+    assert_eq!(folder.bytes("f.mpm"), folder.bytes("b.mpm"));
+}
+
+#[test]
+fn progressive_refuses_what_makes_no_sense() {
+    let folder = with_sphere("a.ply");
+    folder.done(&["progressive", "a.ply", "-o", "b.mpm"]);
+    folder.refused(&["progressive", "b.mpm", "-o", "c.mpm"], "b.mpm");
+    let run = folder.refused(&["progressive", "a.ply", "-o", "c.glb", "--ratio", "10%"], "a.ply");
+    assert!(run.stderr.contains("maille simplify"), "{}", run.stderr);
+    let mut damaged = folder.bytes("b.mpm");
+    damaged[500] ^= 1;
+    folder.file("d.mpm", damaged);
+    for arguments in [&["info", "d.mpm"][..], &["progressive", "d.mpm", "-o", "c.glb", "--ratio", "10%"]] {
+        let run = folder.refused(arguments, "d.mpm");
+        assert!(
+            run.stderr.contains("byte 12: the checksum") && run.stderr.contains("fetch it again"),
+            "{}",
+            run.stderr
+        );
+    }
 }
 
 #[test]

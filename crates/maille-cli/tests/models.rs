@@ -7,7 +7,10 @@ use std::path::{Path, PathBuf};
 
 use maille::Control;
 use maille::measure::{CompareOptions, compare};
-use maille_io::{Asset, AssetOptions, Format, Instance, ReadOptions, WriteOptions, simplify_asset};
+use maille::progressive::ProgressiveMesh;
+use maille_io::{
+    Asset, AssetOptions, Format, Instance, PoseSet, ProgressiveAsset, ReadOptions, WriteOptions, simplify_asset,
+};
 
 const PERCENTS: [usize; 3] = [50, 10, 1];
 
@@ -38,6 +41,48 @@ fn every_model_goes_all_the_way() {
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+/// Triangles of the largest models whose progressive meshes are looked at: all the set would take a quarter of an hour.
+const MOST_TRIANGLES: usize = 60_000;
+
+#[test]
+fn progressive_meshes_go_to_the_base_and_back_exactly() {
+    let Some(folder) = std::env::var_os("MAILLE_MODELS").map(PathBuf::from) else {
+        eprintln!("left out: MAILLE_MODELS is not set to a folder of models");
+        return;
+    };
+    let mut files = Vec::new();
+    collect(&folder, &mut files);
+    assert!(!files.is_empty(), "{} holds no models", folder.display());
+    for file in files {
+        let name = file.strip_prefix(&folder).unwrap_or(&file).display().to_string();
+        let asset = match maille_io::read(&file, &ReadOptions::default()) {
+            Ok(asset) => asset,
+            Err(error) => {
+                eprintln!("left out: {error}");
+                continue;
+            }
+        };
+        let triangles = asset.triangle_count();
+        if triangles > MOST_TRIANGLES {
+            eprintln!("left out: {name} ({triangles} triangles)");
+            continue;
+        }
+        let made = ProgressiveAsset::new(asset, &Default::default(), &PoseSet::Bind, Control::default());
+        let made = made.unwrap_or_else(|error| panic!("{name}: {error}"));
+        for mesh in made.meshes() {
+            let mut moved = mesh.clone();
+            moved.seek(0);
+            let finest = moved.to_mesh();
+            moved.seek(usize::MAX);
+            assert!(moved == *mesh, "{name}: there and back");
+            moved.seek(0);
+            assert!(moved.to_mesh() == finest, "{name}: the finest level again");
+            let again = ProgressiveMesh::from_bytes(&moved.to_bytes()).unwrap_or_else(|e| panic!("{name}: {e}"));
+            assert!(again == moved, "{name}: by its bytes");
+        }
+    }
 }
 
 /// Files with an extension of ours, below a folder, in the order of their names.

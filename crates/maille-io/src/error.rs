@@ -130,8 +130,8 @@ file_error!(
 
 impl ReadError {
     /// Adds what the user can do about it where nothing better is known.
-    pub(crate) fn or_remedy(mut self, remedy: &str) -> Self {
-        self.remedy.get_or_insert_with(|| remedy.to_owned());
+    pub(crate) fn or_damaged(mut self) -> Self {
+        self.remedy.get_or_insert_with(|| "the file is damaged: fetch it again, or export it anew".to_owned());
         self
     }
 }

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use crate::{off, stl};
+use crate::{mpm, off, stl};
 
-/// A file format that Maille reads and writes.
+/// A file format that Maille reads and writes; what is read from [`Mpm`](Self::Mpm) is its finest level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[non_exhaustive]
 pub enum Format {
@@ -20,6 +20,8 @@ pub enum Format {
     Stl,
     /// The OFF family of Geomview.
     Off,
+    /// Progressive meshes: an asset with all its levels ([`ProgressiveAsset`](crate::ProgressiveAsset)).
+    Mpm,
 }
 
 /// Bytes looked at when a text format is guessed.
@@ -30,13 +32,14 @@ const OBJ_STATEMENTS: [&str; 14] =
 
 impl Format {
     /// All formats, with their usual extensions.
-    pub const EXTENSIONS: [(&'static str, Self); 6] = [
+    pub const EXTENSIONS: [(&'static str, Self); 7] = [
         ("gltf", Self::Gltf),
         ("glb", Self::Glb),
         ("ply", Self::Ply),
         ("obj", Self::Obj),
         ("stl", Self::Stl),
         ("off", Self::Off),
+        ("mpm", Self::Mpm),
     ];
 
     /// The format that the extension of a path names, in any case; `None` if it names none of ours.
@@ -59,6 +62,9 @@ impl Format {
         }
         if bytes.starts_with(b"ply") && bytes.get(3).is_some_and(u8::is_ascii_whitespace) {
             return Some(Self::Ply);
+        }
+        if bytes.starts_with(mpm::MAGIC) {
+            return Some(Self::Mpm);
         }
         if stl::has_binary_length(bytes) {
             return Some(Self::Stl);
@@ -114,6 +120,7 @@ mod tests {
         let found = |text: &str| Format::detect(text.as_bytes(), Some(Format::Stl));
         assert_eq!(found("ply\nformat ascii 1.0\n"), Some(Format::Ply));
         assert_eq!(found("glTF\x02\0\0\0"), Some(Format::Glb));
+        assert_eq!(Format::detect(b"\x89MPM\r\n\x1a\n", None), Some(Format::Mpm));
         assert_eq!(found("\u{feff} \n{\"asset\":{}}"), Some(Format::Gltf));
         assert_eq!(found("# by hand\nOFF\n3 1 0\n"), Some(Format::Off));
         assert_eq!(found("STCN4OFF\n"), Some(Format::Off));

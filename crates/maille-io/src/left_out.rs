@@ -11,7 +11,7 @@ const NAMED: usize = 4;
 
 /// One sentence for each kind of thing that a file of this format has no place for, with the formats that have one.
 pub(crate) fn left_out(asset: &Asset, format: Format, options: &WriteOptions) -> Vec<String> {
-    let is_gltf = matches!(format, Format::Gltf | Format::Glb);
+    let is_gltf = matches!(format, Format::Gltf | Format::Glb | Format::Mpm);
     let (beyond_meshes, keeper) = match &asset.source {
         Source::Gltf(document) if !is_gltf => (document.beyond_meshes(), GLTF),
         Source::Ply(source) if format != Format::Ply => (source.beyond_mesh(), ".ply"),
@@ -96,7 +96,7 @@ fn named<'a>(attributes: impl Iterator<Item = &'a Attribute>, holds: impl Fn(&Se
 
 fn holds_at_vertices(format: Format, semantic: &Semantic) -> bool {
     match format {
-        Format::Gltf | Format::Glb | Format::Ply => true,
+        Format::Gltf | Format::Glb | Format::Ply | Format::Mpm => true,
         Format::Obj | Format::Off => {
             matches!(semantic, Semantic::Normal | Semantic::TexCoord(0) | Semantic::Color(0))
         }
@@ -106,7 +106,7 @@ fn holds_at_vertices(format: Format, semantic: &Semantic) -> bool {
 
 fn holds_at_triangles(format: Format, options: &WriteOptions, semantic: &Semantic) -> bool {
     match format {
-        Format::Ply => true,
+        Format::Ply | Format::Mpm => true,
         Format::Obj => crate::obj::holds_at_triangles(semantic),
         Format::Stl => *semantic == Semantic::Color(0) && !options.text,
         Format::Off => *semantic == Semantic::Color(0),

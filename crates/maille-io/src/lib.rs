@@ -1,4 +1,4 @@
-//! Files in and out of Maille: glTF 2.0 and GLB, PLY, OBJ, STL and OFF.
+//! Files in and out of Maille: glTF 2.0 and GLB, PLY, OBJ, STL, OFF, and progressive meshes.
 //!
 //! [`read`] finds the format by content and gives an [`Asset`]: its meshes, each once, where they are drawn, and
 //! (kept inside) everything that is not mesh. [`write`](fn@write) picks the format by the extension, writes to a temporary file
@@ -16,6 +16,7 @@ mod input;
 mod left_out;
 mod lod;
 mod look;
+mod mpm;
 mod obj;
 mod off;
 mod output;
@@ -41,7 +42,7 @@ pub use look::{Look, Texture};
 pub use output::Written;
 pub use poses::{PoseSet, poses_of};
 pub use process::{AssetOptions, AssetReport, Budget, ProcessError, simplify_asset, world_scales};
-pub use progressive::CollapseOptions;
+pub use progressive::{CollapseOptions, ProgressiveAsset};
 pub use roles::{AttributeRoles, Mask, MaskImage, find_attribute};
 pub use sample::sample;
 
@@ -124,7 +125,7 @@ fn decode(
     options: &ReadOptions,
 ) -> Result<Asset, ReadError> {
     let asset = decode_format(input, hint, folder, options);
-    asset.map_err(|error| error.or_remedy("the file is damaged: fetch it again, or export it anew"))
+    asset.map_err(ReadError::or_damaged)
 }
 
 fn decode_format(
@@ -139,6 +140,7 @@ fn decode_format(
         Format::Obj => obj::read(input, folder, options)?,
         Format::Stl => stl::read(input, options)?,
         Format::Off => off::read(input, options)?,
+        Format::Mpm => mpm::read(input, folder, options)?.finest(),
     };
     if asset.triangle_count() == 0 {
         let remedy = "Maille works on surfaces; point clouds need a surface reconstruction first";
@@ -182,6 +184,10 @@ pub fn write_with(
             Format::Obj => obj::write(asset, &mut output, options)?,
             Format::Stl => stl::write(asset, &mut output, options)?,
             Format::Off => off::write(asset, &mut output, options)?,
+            Format::Mpm => {
+                let error = WriteError::new("an asset at one level is not a progressive mesh");
+                return Err(error.with_remedy("make one with `maille progressive`, or ProgressiveAsset"));
+            }
         }
         output.commit()
     };

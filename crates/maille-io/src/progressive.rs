@@ -1,5 +1,7 @@
 //! Assets at any number of triangles: progressive meshes that are coarsened and refined together.
 
+use std::path::Path;
+
 use maille::mesh::WeldOptions;
 use maille::progressive::ProgressiveMesh;
 use maille::simplify::{SimplifyError, SimplifyOptions, Target};
@@ -7,8 +9,10 @@ use maille::skin::Pose;
 use maille::{Control, Mesh};
 use rayon::prelude::*;
 
+use crate::input::Input;
+use crate::output::Output;
 use crate::process::{FEWEST, ProcessError, world_scales};
-use crate::{Asset, AttributeRoles};
+use crate::{Asset, AttributeRoles, PoseSet, ReadError, ReadOptions, WriteError, Written, mpm, poses_of};
 
 /// How the edges of an asset collapse, where that is recorded.
 #[derive(Debug, Clone, Default)]
@@ -133,4 +137,129 @@ pub(crate) fn drawn_at<'p>(parts: impl Iterator<Item = &'p Part>, collapses: &[u
 /// Largest error of a collapse by the metric's estimate, in world units.
 pub(crate) fn error_at<'p>(parts: impl Iterator<Item = &'p Part>, collapses: &[usize]) -> f64 {
     parts.zip(collapses).map(|(part, &at)| part.mesh.error_at(at) * part.error_scale).fold(0.0, f64::max)
+}
+
+/// An asset with all its levels, from the finest to one of a few triangles: what an `.mpm` file holds.
+///
+/// Every level is the whole asset. Skins, materials, clips and all else that is not mesh are shared.
+///
+/// # Examples
+/// ```
+/// use maille_io::{Asset, PoseSet, ProgressiveAsset};
+/// let sphere = Asset::from_mesh("sphere", maille::mesh::shapes::sphere(4));
+/// let progressive = ProgressiveAsset::new(sphere, &Default::default(), &PoseSet::Bind, Default::default());
+/// let mut progressive = progressive.map_err(|error| error.to_string())?;
+/// let collapses = progressive.collapses_for(500);
+/// assert_eq!(progressive.level(&collapses).triangle_count(), 500);
+/// # Ok::<(), String>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct ProgressiveAsset {
+    /// All but the meshes, which are left empty.
+    pub(crate) asset: Asset,
+    pub(crate) parts: Vec<Part>,
+}
+
+impl ProgressiveAsset {
+    /// Simplifies each mesh of an asset once, all the way, and keeps what it takes to undo that.
+    ///
+    /// # Errors
+    /// [`ProcessError`].
+    pub fn new(
+        asset: Asset,
+        options: &CollapseOptions,
+        poses: &PoseSet,
+        control: Control<'_>,
+    ) -> Result<Self, ProcessError> {
+        let poses = control.time("poses", || poses_of(&asset, poses));
+        let parts = parts_of(&asset, options, &poses, 0, control)?;
+        Ok(Self::of_parts(asset, parts))
+    }
+
+    /// Takes the meshes out of an asset in favour of progressive ones.
+    pub(crate) fn of_parts(mut asset: Asset, parts: Vec<Part>) -> Self {
+        asset.meshes.iter_mut().for_each(|named| named.mesh = Mesh::default());
+        Self { asset, parts }
+    }
+
+    /// Reads an `.mpm` file.
+    ///
+    /// # Errors
+    /// [`ReadError`], with the path, the place in the file and what could be done.
+    pub fn read(path: &Path, options: &ReadOptions) -> Result<Self, ReadError> {
+        let read = || mpm::read(&Input::open(path)?, path.parent(), options);
+        read().map_err(|error| error.or_damaged().at_path(path))
+    }
+
+    /// Reads an `.mpm` file that is in memory already.
+    ///
+    /// # Errors
+    /// [`ReadError`], with the place and what could be done.
+    pub fn read_bytes(bytes: &[u8], options: &ReadOptions) -> Result<Self, ReadError> {
+        mpm::read(bytes, None, options).map_err(ReadError::or_damaged)
+    }
+
+    /// Writes an `.mpm` file, whole or not at all; whatever the path is called.
+    ///
+    /// # Errors
+    /// [`WriteError`], with the path and what could be done.
+    pub fn write(&self, path: &Path, control: Control<'_>) -> Result<Written, WriteError> {
+        let write = || {
+            let mut output = Output::new(path, control)?;
+            mpm::write(self, &mut output)?;
+            output.commit()
+        };
+        write().map_err(|error: WriteError| error.at_path(path))
+    }
+
+    /// The progressive meshes, in the order of [`Asset::meshes`].
+    pub fn meshes(&self) -> impl ExactSizeIterator<Item = &ProgressiveMesh> {
+        self.parts.iter().map(|part| &part.mesh)
+    }
+
+    /// What was odd in the file but could be read, one sentence each, for the user.
+    pub fn warnings(&self) -> &[String] {
+        &self.asset.warnings
+    }
+
+    /// How far each mesh has to be simplified so that at most so many triangles are drawn (those of a mesh as often as it is
+    /// drawn); as far as no mesh vanishes, if there is no such level. All meshes get there at the same cost, in world units,
+    /// as if they were one.
+    pub fn collapses_for(&self, triangles: usize) -> Vec<usize> {
+        collapses_for(&self.parts.iter().collect::<Vec<_>>(), triangles)
+    }
+
+    /// Number of triangles drawn after some collapses of each mesh.
+    ///
+    /// # Panics
+    /// If a mesh has not so many collapses.
+    pub fn drawn_triangle_count_at(&self, collapses: &[usize]) -> usize {
+        drawn_at(self.parts.iter(), collapses)
+    }
+
+    /// Largest error after some collapses of each mesh, as the metric estimates, in world units.
+    ///
+    /// # Panics
+    /// If a mesh has not so many collapses.
+    pub fn error_at(&self, collapses: &[usize]) -> f64 {
+        error_at(self.parts.iter(), collapses)
+    }
+
+    /// The asset after some collapses of each mesh (or all, where there are not so many). Its elements are in the order of their
+    /// lifetimes; [`order_for_display`](crate::order_for_display) gives them one that is good for drawing.
+    pub fn level(&mut self, collapses: &[usize]) -> Asset {
+        let level = |(part, &at): (&mut Part, &usize)| {
+            part.mesh.seek(at);
+            part.mesh.to_mesh()
+        };
+        let meshes: Vec<Mesh> = self.parts.par_iter_mut().zip(collapses).map(level).collect();
+        let mut asset = self.asset.clone();
+        asset.meshes.iter_mut().zip(meshes).for_each(|(named, mesh)| named.mesh = mesh);
+        asset
+    }
+
+    /// The finest level.
+    pub fn finest(&mut self) -> Asset {
+        self.level(&vec![0; self.parts.len()])
+    }
 }

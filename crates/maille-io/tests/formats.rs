@@ -8,8 +8,8 @@ use maille::{Attribute, Control, Mesh, Semantic};
 use maille_io::{Asset, Format, ReadError, ReadOptions, WriteOptions, read, read_bytes, write, write_with};
 use proptest::prelude::*;
 
-const BINARY: WriteOptions = WriteOptions { text: false, binary_off: true };
-const TEXT: WriteOptions = WriteOptions { text: true, binary_off: false };
+const BINARY: WriteOptions = WriteOptions { text: false, binary_off: true, strips: false };
+const TEXT: WriteOptions = WriteOptions { text: true, binary_off: false, strips: false };
 
 /// The bytes of an asset in the format that the name tells.
 fn bytes_of(asset: &Asset, name: &str, options: &WriteOptions) -> Vec<u8> {
@@ -89,7 +89,7 @@ fn meshes() -> impl Strategy<Value = Mesh> {
 proptest! {
     #[test]
     fn ply_brings_back_every_corner(mesh in meshes(), text in any::<bool>()) {
-        let back = written_and_read(&mesh, "a.ply", &WriteOptions { text, binary_off: false });
+        let back = written_and_read(&mesh, "a.ply", &WriteOptions { text, ..WriteOptions::default() });
         prop_assert_eq!(corner_values(&back, None), corner_values(&mesh, None));
         for attribute in &mesh.wedge_attributes {
             let semantic = Some(&attribute.semantic);
@@ -122,7 +122,7 @@ proptest! {
 
     #[test]
     fn off_brings_back_every_corner(mesh in meshes(), binary_off in any::<bool>()) {
-        let back = written_and_read(&mesh, "a.off", &WriteOptions { text: false, binary_off });
+        let back = written_and_read(&mesh, "a.off", &WriteOptions { binary_off, ..WriteOptions::default() });
         prop_assert_eq!(corner_values(&back, None), corner_values(&mesh, None));
         for semantic in [Semantic::Normal, Semantic::TexCoord(0)] {
             prop_assert_eq!(corner_values(&back, Some(&semantic)), corner_values(&mesh, Some(&semantic)));
@@ -140,7 +140,7 @@ proptest! {
 
     #[test]
     fn stl_brings_back_every_corner_position(mesh in meshes(), text in any::<bool>()) {
-        let back = written_and_read(&mesh, "a.stl", &WriteOptions { text, binary_off: false });
+        let back = written_and_read(&mesh, "a.stl", &WriteOptions { text, ..WriteOptions::default() });
         prop_assert_eq!(corner_values(&back, None), corner_values(&mesh, None));
     }
 

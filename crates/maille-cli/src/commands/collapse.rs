@@ -7,7 +7,7 @@ use maille::simplify::{
     AttributeMetricKind, AttributeWeights, ColorSpace, EdgePolicy, MetricKind, PlacementKind, QuadricMemory,
     SimplifyError, SimplifyOptions, TopologyPolicy,
 };
-use maille_io::{AttributeRoles, Mask, MaskImage, ProcessError};
+use maille_io::{Asset, AttributeRoles, CollapseOptions, Mask, MaskImage, ProcessError};
 
 use crate::args::{CollapseArgs, Preset};
 use crate::failure::Failure;
@@ -83,6 +83,19 @@ pub(super) fn simplify_options(args: &CollapseArgs, diagonal: f64) -> SimplifyOp
     simplify
 }
 
+/// How the edges of an asset collapse, where that is recorded.
+pub(super) fn options(args: &CollapseArgs, asset: &Asset) -> Result<CollapseOptions, Failure> {
+    check(args)?;
+    if args.preset == Preset::Fastest {
+        return Err(Failure::Usage("--preset fastest clusters vertices, which makes no levels; leave it out".into()));
+    }
+    Ok(CollapseOptions {
+        simplify: simplify_options(args, super::diagonal(asset)),
+        roles: roles(args)?,
+        weld: args.preset == Preset::Aggressive,
+    })
+}
+
 /// What the attributes of the asset mean.
 pub(super) fn roles(args: &CollapseArgs) -> Result<AttributeRoles, Failure> {
     let mask = |text: &Option<String>| text.as_deref().map(mask).transpose();
@@ -102,7 +115,7 @@ fn mask(text: &str) -> Result<Mask, Failure> {
     if !extension.is_some_and(|extension| IMAGES.contains(&extension.as_str())) {
         return Ok(Mask::Attribute(text.to_owned()));
     }
-    let cannot = |error: &dyn std::fmt::Display| Failure::about(path, &format!("the mask cannot be read: {error}"));
+    let cannot = |error: &dyn std::fmt::Display| Failure::about(path, format!("the mask cannot be read: {error}"));
     let mut reader = image::ImageReader::open(path).map_err(|error| cannot(&error))?;
     let mut limits = image::Limits::default();
     (limits.max_image_width, limits.max_image_height) = (Some(MOST_PIXELS), Some(MOST_PIXELS));

@@ -10,6 +10,7 @@ use maille::{Attribute, Mesh};
 use maille_io::{Asset, Format};
 use serde_json::{Map, Value, json};
 
+use super::progressive::ProgressiveFacts;
 use crate::args::InfoArgs;
 use crate::failure::Failure;
 use crate::output::{self, Listing};
@@ -17,12 +18,20 @@ use crate::session::Session;
 
 pub(crate) fn run(args: &InfoArgs) -> Result<(), Failure> {
     let session = Session::start(&args.common)?;
-    let asset = session.open(&args.file)?;
+    let format = maille_io::detect(&args.file)?;
+    let (asset, progressive) = match format {
+        Format::Mpm => {
+            let mut progressive = session.open_progressive(&args.file)?;
+            (progressive.finest(), Some(ProgressiveFacts::of(&progressive)))
+        }
+        _ => (session.open(&args.file)?, None),
+    };
     let drawn = asset.flattened();
     let facts = Facts {
         file: args.file.display().to_string(),
         bytes: std::fs::metadata(&args.file).map_or(0, |meta| meta.len()),
-        format: maille_io::detect(&args.file)?,
+        format,
+        progressive,
         meshes: asset.meshes.iter().map(|named| MeshFacts::of(&named.name, &named.mesh)).collect(),
         bounds: drawn.bounds(),
         area: area(&drawn),
@@ -44,6 +53,7 @@ struct Facts<'a> {
     file: String,
     bytes: u64,
     format: Format,
+    progressive: Option<ProgressiveFacts>,
     asset: &'a Asset,
     meshes: Vec<MeshFacts<'a>>,
     /// Of all that is drawn, posed at rest, like the next two.
@@ -207,6 +217,7 @@ impl Facts<'_> {
             "volume": self.volume,
             "contents": contents,
             "levels": self.levels,
+            "progressive": self.progressive.as_ref().map(ProgressiveFacts::json),
             "meshes": self.meshes.iter().map(MeshFacts::json).collect::<Vec<_>>(),
             "warnings": self.asset.warnings,
         })
@@ -226,6 +237,9 @@ impl Facts<'_> {
         };
         let triangles = count(self.sum(Mesh::triangle_count));
         listing.line("content", format!("{triangles} triangles in {}{drawn}", plural(self.meshes.len(), "mesh")));
+        if let Some(progressive) = &self.progressive {
+            progressive.describe(&mut listing);
+        }
         for (name, count) in self.asset.contents() {
             listing.line(name, count.to_string());
         }

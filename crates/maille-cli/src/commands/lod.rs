@@ -4,8 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use maille_io::{
-    Asset, CollapseOptions, Format, GeomorphForm, LevelTarget, LodChain, LodOptions, Pixels, PoseSet, WriteOptions,
-    lod_chain,
+    Asset, Format, GeomorphForm, LevelTarget, LodChain, LodOptions, Pixels, PoseSet, WriteOptions, lod_chain,
 };
 use serde_json::{Value, json};
 
@@ -27,10 +26,6 @@ const FIELD_OF_VIEW: f64 = 60.0;
 
 pub(crate) fn run(args: &LodArgs) -> Result<(), Failure> {
     super::check_output(&args.output)?;
-    collapse::check(&args.collapse)?;
-    if args.collapse.preset == Preset::Fastest {
-        return Err(Failure::Usage("--preset fastest clusters vertices, which makes no chain; leave it out".into()));
-    }
     let in_one_file = !args.split_files && matches!(Format::from_path(&args.output), Some(Format::Gltf | Format::Glb));
     if args.named_nodes && !in_one_file {
         return Err(Failure::Usage(
@@ -44,11 +39,7 @@ pub(crate) fn run(args: &LodArgs) -> Result<(), Failure> {
     let is_best = args.collapse.preset == Preset::Best;
     let fits = is_best || poses != PoseSet::Bind && !args.collapse.no_self_intersections;
     let options = LodOptions {
-        collapse: CollapseOptions {
-            simplify: collapse::simplify_options(&args.collapse, super::diagonal(&asset)),
-            roles: collapse::roles(&args.collapse)?,
-            weld: args.collapse.preset == Preset::Aggressive,
-        },
+        collapse: collapse::options(&args.collapse, &asset)?,
         levels: targets,
         refit: args.refit.unwrap_or(fits),
         poses,
@@ -120,7 +111,7 @@ fn read(args: &LodArgs, session: &Session) -> Result<(Asset, Vec<LevelTarget>), 
         })?;
         let file = session.read(path)?;
         let meshes = asset.level_from(&file);
-        let refused = |reason: String| Failure::about(path, &format!("it cannot be level {level}: {reason}"));
+        let refused = |reason: String| Failure::about(path, format!("it cannot be level {level}: {reason}"));
         *place = LevelTarget::Meshes(meshes.map_err(refused)?);
     }
     Ok((asset, targets))

@@ -9,6 +9,7 @@ mod demo;
 mod info;
 mod lod;
 mod man;
+mod progressive;
 mod render;
 mod repair;
 mod report;
@@ -21,6 +22,7 @@ use maille_io::{Asset, Format, WriteError};
 
 use crate::args::{Cli, Command, Destination};
 use crate::failure::Failure;
+use crate::session::Session;
 
 /// Runs what the command line asks for.
 pub(crate) fn run(cli: Cli) -> Result<(), Failure> {
@@ -30,6 +32,7 @@ pub(crate) fn run(cli: Cli) -> Result<(), Failure> {
         Command::Sample(args) => sample::run(&args),
         Command::Simplify(args) => simplify::run(&args),
         Command::Lod(args) => lod::run(&args),
+        Command::Progressive(args) => progressive::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Repair(args) => repair::run(&args),
@@ -74,9 +77,14 @@ fn make_folder(path: &Path) -> Result<(), Failure> {
 fn check_output(path: &Path) -> Result<(), Failure> {
     refuse_folder(path, "model.glb")?;
     match Format::from_path(path) {
+        Some(Format::Mpm) => {
+            let message = "a progressive mesh is made by `maille progressive`";
+            Err(Failure::Usage(format!("{}: {message}", path.display())))
+        }
         Some(_) => Ok(()),
         None => {
-            let known: Vec<String> = Format::EXTENSIONS.iter().map(|(name, _)| format!(".{name}")).collect();
+            let levels = Format::EXTENSIONS.iter().filter(|(_, format)| *format != Format::Mpm);
+            let known: Vec<String> = levels.map(|(name, _)| format!(".{name}")).collect();
             let known = known.join(", ");
             Err(Failure::Usage(format!("{}: the extension names no format; use one of {known}", path.display())))
         }
@@ -90,6 +98,18 @@ fn refuse_folder(path: &Path, example: &str) -> Result<(), Failure> {
         return Err(WriteError::new("this is a folder").with_remedy(remedy).at_path(path).into());
     }
     Ok(())
+}
+
+/// The asset without levels of detail, which are told to be left out: they are of the original.
+fn without_levels(asset: Asset, session: &Session) -> Asset {
+    match asset.split_levels() {
+        Some(Ok((whole, levels))) => {
+            let count = levels.len();
+            session.note(&format!("the {count} levels of detail of the file are left out: they are of the original"));
+            whole
+        }
+        _ => asset,
+    }
 }
 
 /// Length of the diagonal of the box around everything an asset draws, posed at rest.

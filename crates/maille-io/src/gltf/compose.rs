@@ -37,8 +37,18 @@ pub(super) enum Content {
     Free,
 }
 
+/// How meshes are put into a document.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Form {
+    /// Triangles become strips, where that takes fewer indices.
+    pub(super) strips: bool,
+    /// A primitive whose triangles have all gone, while others of its mesh have some, stays, with a triangle that draws
+    /// nothing: primitives keep their numbers and how their attributes are stored.
+    pub(super) keeps_emptied: bool,
+}
+
 /// Puts meshes into a document.
-pub(super) fn compose(document: &Document, meshes: &[NamedMesh], strips: bool) -> Result<Composed, WriteError> {
+pub(super) fn compose(document: &Document, meshes: &[NamedMesh], form: Form) -> Result<Composed, WriteError> {
     let known = document.list("meshes").len();
     if meshes.len() != known {
         return Err(WriteError::new(format!("the asset has {} meshes where its glTF has {known}", meshes.len()))
@@ -46,7 +56,7 @@ pub(super) fn compose(document: &Document, meshes: &[NamedMesh], strips: bool) -
     }
     let originals = meshes.iter().zip(document.list("meshes")).map(|(new, old)| replaced(document, new, old));
     let originals: Vec<Option<Mesh>> = originals.collect();
-    let mut composer = Composer { strips, ..Composer::new(document, &originals) };
+    let mut composer = Composer { form, ..Composer::new(document, &originals) };
     for (i, (new, original)) in meshes.iter().zip(&originals).enumerate() {
         if new.name != super::text(&document.list("meshes")[i], "name") {
             composer.json["meshes"][i]["name"] = json!(new.name);
@@ -101,8 +111,7 @@ struct Composer<'a> {
     views: Vec<Content>,
     free_accessors: VecDeque<usize>,
     free_views: VecDeque<usize>,
-    /// Whether triangles become strips.
-    strips: bool,
+    form: Form,
 }
 
 impl<'a> Composer<'a> {
@@ -114,7 +123,7 @@ impl<'a> Composer<'a> {
             views,
             free_accessors: VecDeque::new(),
             free_views: VecDeque::new(),
-            strips: false,
+            form: Form::default(),
         };
         if originals.iter().any(Option::is_some) {
             composer.free_old_data(originals);
@@ -161,41 +170,38 @@ impl<'a> Composer<'a> {
             if !triangles.is_empty() {
                 let template = if passed_on { &blank } else { template(slot) };
                 let plan = plan(document, primitives, template, mesh, grids.get(slot).copied().flatten(), quantized);
-                let encoded = encode_primitive(mesh, triangles, &plan, self.strips);
+                let encoded = encode_primitive(mesh, triangles, &plan, self.form.strips);
                 written.push(self.add_primitive(template, encoded));
+            } else if self.form.keeps_emptied && !passed_on {
+                let old = (0..original.triangle_count()).find(|&t| original.triangle_material(t) as usize == slot);
+                written.extend(old.map(|triangle| self.point_without_surface(primitives, original, triangle)));
             }
         }
         if written.is_empty() {
-            written.push(self.point_without_surface(number, primitives, original)?);
+            if original.triangles.is_empty() {
+                let message = format!("mesh {number} has no triangles, and a glTF mesh must have some");
+                return Err(WriteError::new(message).with_remedy("remove the mesh and what refers to it"));
+            }
+            written.push(self.point_without_surface(primitives, original, 0));
         }
         self.json["meshes"][number]["primitives"] = Value::Array(written);
         Ok(())
     }
 
-    /// What stands for a mesh whose triangles have all gone: a mesh must have a primitive, and nodes, skins, animations
-    /// and unknown extensions may refer to it. One triangle whose corners all lie on one old vertex draws nothing and
-    /// keeps them all valid.
-    fn point_without_surface(
-        &mut self,
-        number: usize,
-        primitives: &[Value],
-        original: &Mesh,
-    ) -> Result<Value, WriteError> {
+    /// What stands for a mesh or a primitive whose triangles have all gone: a mesh must have a primitive, and nodes, skins,
+    /// animations and unknown extensions may refer to it. One of the old triangles, its corners all on one vertex, draws
+    /// nothing and keeps them all valid.
+    fn point_without_surface(&mut self, primitives: &[Value], original: &Mesh, triangle: usize) -> Value {
+        let slot = original.triangle_material(triangle) as usize;
         let mut point = original.clone();
-        if point.triangles.is_empty() {
-            let message = format!("mesh {number} has no triangles, and a glTF mesh must have some");
-            return Err(WriteError::new(message).with_remedy("remove the mesh and what refers to it"));
-        }
-        point.triangles.truncate(1);
-        point.triangle_materials.truncate(1);
+        point.triangles = vec![[original.triangles[triangle][0]; 3]];
+        point.triangle_materials = vec![slot as u32];
         point.triangle_attributes.clear();
-        point.triangles[0] = [point.triangles[0][0]; 3];
-        let slot = point.triangle_material(0) as usize;
         let quantized = declares(&self.document.json, QUANTIZATION);
         let grids = position_grids(self.document, primitives, &point, quantized);
         let plan = plan(self.document, primitives, &primitives[slot], &point, grids[slot], quantized);
         let encoded = encode_primitive(&point, &[0], &plan, false);
-        Ok(self.add_primitive(&primitives[slot], encoded))
+        self.add_primitive(&primitives[slot], encoded)
     }
 
     /// A primitive with new accessors and everything else as in the old one.

@@ -37,6 +37,7 @@ use crate::output::Output;
 use crate::{Asset, LodChain, NamedMesh, ReadError, ReadOptions, WriteError, WriteOptions};
 pub use animation::Animation;
 pub(crate) use animation::Rig;
+use compose::Form;
 use json::{Checked, Fault, Within, extension, index, list, required_index, text};
 pub(crate) use levels::split_levels;
 
@@ -132,6 +133,12 @@ impl Document {
         let missing = || Fault::new(format!("buffer view {number} does not exist; there are {}", self.views.len()));
         let view = self.views.get(number).ok_or_else(missing)?;
         Ok((&self.buffers[view.buffer][view.start..view.end], view.stride))
+    }
+
+    /// How many material slots a mesh may name: a primitive or a material to each.
+    pub(crate) fn slot_limit(&self, mesh: usize) -> usize {
+        let primitives = self.list("meshes").get(mesh).and_then(|mesh| mesh.get("primitives")?.as_array());
+        primitives.map_or(0, Vec::len).max(self.list("materials").len()).max(1)
     }
 
     /// Bytes in all buffers.
@@ -249,14 +256,24 @@ pub(crate) fn write(
     output: &mut Output<'_>,
     options: &WriteOptions,
 ) -> Result<(), WriteError> {
+    let form = Form { strips: options.strips, ..Form::default() };
+    let mut put = |document: &Document, meshes: &[NamedMesh]| {
+        package::write(compose::compose(document, meshes, form)?, document, binary, output)
+    };
     match &asset.source {
-        Source::Gltf(document) => {
-            package::write(compose::compose(document, &asset.meshes, options.strips)?, document, binary, output)
-        }
-        _ => {
-            let document = fresh::document_for(asset);
-            let meshes = fresh::with_normals(&asset.meshes);
-            package::write(compose::compose(&document, &meshes, options.strips)?, &document, binary, output)
-        }
+        Source::Gltf(document) => put(document, &asset.meshes),
+        _ => put(&fresh::document_for(asset), &fresh::with_normals(&asset.meshes)),
+    }
+}
+
+/// A GLB of an asset with other meshes in the places of its own. Each primitive of a glTF stays, even without triangles, so
+/// that the original meshes fit into what [`read`] makes of it.
+pub(crate) fn glb(asset: &Asset, meshes: &[NamedMesh]) -> Result<Vec<u8>, WriteError> {
+    let form = Form { keeps_emptied: true, ..Form::default() };
+    let put =
+        |document: &Document, meshes: &[NamedMesh]| package::glb(compose::compose(document, meshes, form)?, document);
+    match &asset.source {
+        Source::Gltf(document) => put(document, meshes),
+        _ => put(&fresh::document_for(asset), &fresh::with_normals(meshes)),
     }
 }

@@ -65,13 +65,13 @@ pub(super) fn write(
     glb: bool,
     output: &mut Output<'_>,
 ) -> Result<(), WriteError> {
-    let Composed { mut json, views } = composed;
-    let mut binary = pack(&mut json, views, document);
     if glb {
-        embed_images(&mut json, document, &mut binary);
-        declare_buffer(&mut json, binary.length.next_multiple_of(4), None);
-        write_glb(&json, &binary, output)
+        let mut stream = output.main()?;
+        write_glb(composed, document, &mut stream)?;
+        output.finish(stream)
     } else {
+        let Composed { mut json, views } = composed;
+        let binary = pack(&mut json, views, document);
         copy_images(&mut json, document, output)?;
         let stem =
             output.target().file_stem().map_or_else(|| "mesh".into(), |stem| stem.to_string_lossy().into_owned());
@@ -86,6 +86,13 @@ pub(super) fn write(
         serde_json::to_writer_pretty(&mut stream, &json).map_err(std::io::Error::from)?;
         output.finish(stream)
     }
+}
+
+/// The bytes of a composed document as GLB.
+pub(super) fn glb(composed: Composed, document: &Document) -> Result<Vec<u8>, WriteError> {
+    let mut bytes = Vec::new();
+    write_glb(composed, document, &mut bytes)?;
+    Ok(bytes)
 }
 
 /// Lays out the content of all buffer views in one buffer. Kept ranges that overlap stay one range.
@@ -142,29 +149,32 @@ fn declare_buffer(json: &mut Value, length: usize, file: Option<&str>) {
     json["buffers"] = json!([buffer]);
 }
 
-fn write_glb(json: &Value, binary: &Binary<'_>, output: &mut Output<'_>) -> Result<(), WriteError> {
-    let mut text = serde_json::to_vec(json).map_err(std::io::Error::from)?;
-    text.resize(text.len().next_multiple_of(4), b' ');
+fn write_glb(composed: Composed, document: &Document, target: &mut impl Write) -> Result<(), WriteError> {
+    let Composed { mut json, views } = composed;
+    let mut binary = pack(&mut json, views, document);
+    embed_images(&mut json, document, &mut binary);
     let body = binary.length.next_multiple_of(4);
+    declare_buffer(&mut json, body, None);
+    let mut text = serde_json::to_vec(&json).map_err(std::io::Error::from)?;
+    text.resize(text.len().next_multiple_of(4), b' ');
     let total = 12 + 8 + text.len() + if body > 0 { 8 + body } else { 0 };
     let Ok(total) = u32::try_from(total) else {
         return Err(WriteError::new("a GLB cannot be larger than 4 GiB")
             .with_remedy("write .gltf, which has its data in a file beside it"));
     };
-    let mut stream = output.main()?;
-    stream.write_all(MAGIC)?;
-    stream.write_all(&2u32.to_le_bytes())?;
-    stream.write_all(&total.to_le_bytes())?;
-    stream.write_all(&(text.len() as u32).to_le_bytes())?;
-    stream.write_all(JSON_CHUNK)?;
-    stream.write_all(&text)?;
+    target.write_all(MAGIC)?;
+    target.write_all(&2u32.to_le_bytes())?;
+    target.write_all(&total.to_le_bytes())?;
+    target.write_all(&(text.len() as u32).to_le_bytes())?;
+    target.write_all(JSON_CHUNK)?;
+    target.write_all(&text)?;
     if body > 0 {
-        stream.write_all(&(body as u32).to_le_bytes())?;
-        stream.write_all(BIN_CHUNK)?;
-        binary.write(&mut stream)?;
-        stream.write_all(&[0; 4][..body - binary.length])?;
+        target.write_all(&(body as u32).to_le_bytes())?;
+        target.write_all(BIN_CHUNK)?;
+        binary.write(target)?;
+        target.write_all(&[0; 4][..body - binary.length])?;
     }
-    output.finish(stream)
+    Ok(())
 }
 
 /// The images that lie in files below the folder of the document: index, relative path, content.

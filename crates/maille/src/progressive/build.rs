@@ -1,5 +1,6 @@
 //! From the record of a simplification to numbers by lifetime.
 
+use super::attributes::Attributes;
 use super::{CollapseLog, Counts, ProgressiveMesh};
 use crate::Control;
 use crate::mesh::Mesh;
@@ -27,9 +28,10 @@ impl ProgressiveMesh {
             options.target.triangles = Some(0);
         }
         let (report, (recording, lifted)) = simplify_recorded(&mut mesh, &options, control)?;
-        let (mesh, log) = control.time("numbering", || numbered(mesh, *recording));
+        let (mut mesh, log) = control.time("numbering", || numbered(mesh, *recording));
+        let attributes = Attributes::take_from(&mut mesh);
         let at = log.errors.len();
-        let mut progressive = Self { mesh, lifted, log, at };
+        let mut progressive = Self { mesh, attributes, lifted, log, at };
         // numbering has undone what collapses did to corners
         let (base, finest) = (progressive.counts().wedges, progressive.counts_at(0).wedges);
         for wedge in (base..finest).rev() {
@@ -142,6 +144,8 @@ fn numbered(mut mesh: Mesh, recording: Recording) -> (Mesh, CollapseLog) {
         vertex_parents.push(vertices.get(record.kept));
         counts[step] = count(&vertices, &wedges, &triangle_numbers);
     }
+    let has_rows = !rows.0.is_empty();
+    let [rows, vertex_rows] = Attributes::tables_of(&mesh, &rows, &vertex_rows);
     let mut highest = [0.0_f32; 2];
     let mut rising = |i: usize, x: f32| {
         highest[i] = highest[i].max(x);
@@ -152,11 +156,7 @@ fn numbered(mut mesh: Mesh, recording: Recording) -> (Mesh, CollapseLog) {
         errors: collapses.iter().map(|record| rising(0, record.error)).collect(),
         costs: collapses.iter().map(|record| rising(1, record.cost)).collect(),
         positions: collapses.iter().map(|record| record.position).collect(),
-        changed_ends: if rows.0.is_empty() {
-            Vec::new()
-        } else {
-            collapses.iter().map(|record| record.changed_end).collect()
-        },
+        changed_ends: if has_rows { collapses.iter().map(|record| record.changed_end).collect() } else { Vec::new() },
         triangles: counts.iter().map(|counts| counts.triangles).collect(),
         wedges: counts.iter().map(|counts| counts.wedges).collect(),
         vertices: if counts.iter().all(|counts| counts.vertices == counts.wedges) {

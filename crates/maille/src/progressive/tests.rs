@@ -237,3 +237,127 @@ fn the_log_of_a_bare_mesh_takes_little() {
     let each = progressive.log_bytes() as f64 / progressive.collapse_count() as f64;
     assert!(each <= 60.0, "{each} bytes per collapse");
 }
+
+/// A small mesh of every kind: seams, materials, joints, morph targets, attributes of vertices and triangles, at some level.
+fn with_everything() -> ProgressiveMesh {
+    let mut mesh = samples::vase(600);
+    let (count, wedges) = (mesh.vertex_count(), mesh.wedge_count());
+    mesh.set_wedge_attribute(Attribute::new_u32(Semantic::Joints(0), 4, [0, 1, 2, 3].repeat(wedges)));
+    mesh.set_wedge_attribute(Attribute::new_f32(Semantic::Weights(0), 4, [0.4, 0.3, 0.2, 0.1].repeat(wedges)));
+    mesh.vertex_attributes.push(Attribute::new_f32(Semantic::Custom("heat".into()), 1, vec![0.5; count]));
+    mesh.vertex_attributes.push(Attribute::new_u32(
+        Semantic::Custom("label".into()),
+        2,
+        (0..2 * count as u32).collect(),
+    ));
+    let triangles = mesh.triangle_count();
+    mesh.triangle_attributes.push(Attribute::new_u32(
+        Semantic::Custom("part".into()),
+        1,
+        (0..triangles as u32).collect(),
+    ));
+    mesh.triangle_materials = (0..triangles as u32).map(|t| t % 3).collect();
+    mesh.material_names = vec!["skin".into(), String::new(), "shirt".into()];
+    let deltas = Attribute::new_f32(Semantic::Position, 3, vec![0.25; 3 * wedges]);
+    mesh.morph_targets.push(crate::mesh::MorphTarget { name: "smile".into(), attributes: vec![deltas] });
+    let mut progressive = progressive(&mesh, &SimplifyOptions::default());
+    progressive.seek_triangles(triangles / 2);
+    progressive
+}
+
+#[test]
+fn bytes_bring_back_every_level() {
+    let mut meshes: Vec<(String, ProgressiveMesh)> = Vec::new();
+    for (name, mesh) in all_meshes() {
+        meshes.extend(ways().iter().map(|options| (name.clone(), progressive(&mesh, options))));
+    }
+    meshes.push(("everything".into(), with_everything()));
+    for (name, mut mesh) in meshes {
+        for at in [mesh.collapse_count(), mesh.collapse_count() / 2, 0] {
+            mesh.seek(at);
+            let mut again = ProgressiveMesh::from_bytes(&mesh.to_bytes()).unwrap_or_else(|e| panic!("{name}: {e}"));
+            assert!(again == mesh, "{name} after {at} collapses");
+            again.seek(mesh.collapse_count() / 3);
+            let mut level = mesh.clone();
+            level.seek(mesh.collapse_count() / 3);
+            assert_eq!(again.to_mesh(), level.to_mesh(), "{name}");
+        }
+    }
+}
+
+#[test]
+fn bytes_do_not_depend_on_the_level_but_for_its_word() {
+    let mut mesh = with_everything();
+    let mut bytes = mesh.to_bytes();
+    mesh.seek(0);
+    bytes[4..8].fill(0);
+    assert!(mesh.to_bytes() == bytes);
+}
+
+#[test]
+fn bytes_that_end_elsewhere_are_refused() {
+    let bytes = progressive(&shapes::sphere(2), &SimplifyOptions::default()).to_bytes();
+    for end in 0..bytes.len() {
+        assert!(ProgressiveMesh::from_bytes(&bytes[..end]).is_err(), "{end} of {} bytes", bytes.len());
+    }
+    let longer = [&bytes[..], &[0; 4]].concat();
+    let refused = ProgressiveMesh::from_bytes(&longer).expect_err("there is too much");
+    assert_eq!(refused.to_string(), format!("byte {}: 4 bytes after the end", bytes.len()));
+}
+
+/// Everything that can be done with a mesh that was read.
+fn use_all(mut mesh: ProgressiveMesh) {
+    let last = mesh.collapse_count();
+    let read = mesh.clone();
+    let mut levels = Vec::new();
+    for at in [0, last / 3, last, last / 2, last, 0] {
+        let at = mesh.whole(at);
+        mesh.seek(at);
+        let level = mesh.to_mesh();
+        level.check().expect("levels keep the invariants");
+        levels.push(level);
+        assert!(mesh.error_at(at) >= 0.0 && mesh.collapses_to(at) <= last);
+    }
+    let finest = &levels[5];
+    assert_eq!(drawn(&levels[0]), drawn(finest), "the way back is exact");
+    mesh.correspondence([0, last], [finest, &levels[2]]).check(finest, &levels[2]).expect("it fits both");
+    mesh.seek(read.position());
+    // attributes may be no numbers, which are not equal to themselves
+    assert!(mesh.to_bytes() == read.to_bytes());
+}
+
+proptest::proptest! {
+    #![proptest_config(proptest::prelude::ProptestConfig::with_cases(4000))]
+    #[test]
+    fn mangled_bytes_give_a_sound_mesh_or_an_error(
+        of_all in proptest::bool::ANY,
+        changes in proptest::collection::vec((0.0..1.0_f64, 0..6_u8, proptest::num::u32::ANY), 1..4),
+    ) {
+        use std::sync::OnceLock;
+        static BYTES: OnceLock<[Vec<u8>; 2]> = OnceLock::new();
+        let bytes = BYTES.get_or_init(|| {
+            [progressive(&shapes::sphere(1), &SimplifyOptions::default()).to_bytes(), with_everything().to_bytes()]
+        });
+        let mut bytes = bytes[usize::from(of_all)].clone();
+        for (place, kind, noise) in changes {
+            let word = (place * (bytes.len() / 4) as f64) as usize * 4;
+            let old = u32::from_le_bytes(bytes[word..word + 4].try_into().expect("four bytes"));
+            let new = match kind {
+                0 => noise,
+                1 => noise % 16,
+                2 => old.wrapping_add(1),
+                3 => old.wrapping_sub(1),
+                4 => old ^ 1 << (noise % 32),
+                // what stands elsewhere is of the right size more often than not
+                _ => {
+                    let other = noise as usize % (bytes.len() / 4) * 4;
+                    u32::from_le_bytes(bytes[other..other + 4].try_into().expect("four bytes"))
+                }
+            };
+            bytes[word..word + 4].copy_from_slice(&new.to_le_bytes());
+        }
+        if let Ok(mesh) = ProgressiveMesh::from_bytes(&bytes) {
+            use_all(mesh);
+        }
+    }
+}

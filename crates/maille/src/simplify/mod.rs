@@ -64,7 +64,7 @@ pub use uncertain::FaceQuadric;
 pub use wedges::WedgeMerger;
 
 pub(crate) use attributes::Lifted;
-pub(crate) use record::{Record, Recording, Rows, attributes_of_wedges_mut};
+pub(crate) use record::{Record, Recording, Rows, attributes_of_wedges, attributes_of_wedges_mut};
 
 use rayon::prelude::*;
 

@@ -123,7 +123,7 @@ impl Rows {
 }
 
 /// The attributes of wedges, those of morph targets among them.
-fn attributes_of_wedges(mesh: &Mesh) -> impl Iterator<Item = &Attribute> {
+pub(crate) fn attributes_of_wedges(mesh: &Mesh) -> impl Iterator<Item = &Attribute> {
     mesh.wedge_attributes.iter().chain(mesh.morph_targets.iter().flat_map(|target| &target.attributes))
 }
 

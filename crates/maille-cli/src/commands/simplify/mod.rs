@@ -29,12 +29,8 @@ pub(crate) fn run(args: &SimplifyArgs) -> Result<(), Failure> {
     };
     let session = Session::start(&args.common)?;
     let mut ledger = Ledger::new(files.is_some());
-    let mut asset = ledger.stage("read", |_| session.read(&args.input))?;
-    if let Some(Ok((whole, levels))) = asset.split_levels() {
-        session
-            .note(&format!("the {} levels of detail of the file are left out: they are of the original", levels.len()));
-        asset = whole;
-    }
+    let asset = ledger.stage("read", |_| session.read(&args.input))?;
+    let mut asset = super::without_levels(asset, &session);
     let diagonal = super::diagonal(&asset);
     let options = options(args, &asset, diagonal)?;
     let report = ledger.stage("simplify", |times| {

@@ -13,7 +13,7 @@ use crate::mesh::{Attribute, Mesh, Values};
 
 /// Attributes of vertices that count in the metric, which knows those of wedges only: where each was among the others.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub(crate) struct Lifted(Vec<usize>);
+pub(crate) struct Lifted(pub(crate) Vec<usize>);
 
 impl Lifted {
     /// Makes them attributes of wedges, the last ones, for as long as edges collapse. Wedges of one vertex have equal values then,
