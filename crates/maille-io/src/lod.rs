@@ -1,7 +1,7 @@
 //! Chains of levels of detail of whole assets.
 
 use maille::control::Cancelled;
-use maille::lod::{Geomorph, GeomorphOptions};
+use maille::lod::{Correspondence, Geomorph, GeomorphOptions};
 use maille::mesh::MorphTarget;
 use maille::progressive::ProgressiveMesh;
 use maille::refit::{PosedRefitOptions, RefitOptions, refit, refit_in_poses};
@@ -83,6 +83,9 @@ pub struct LodLevel {
     pub triangles: usize,
     /// Largest error of a collapse by the metric's estimate, in world units.
     pub error: f64,
+    /// What each wedge of the level before (for the first level: of [`LodChain::original`]) becomes in this one, mesh by mesh;
+    /// empty without geomorphs. For an engine's own [`Geomorph`], which moves more than a morph target can.
+    pub correspondences: Vec<Correspondence>,
 }
 
 /// A mesh with all its levels, and what its costs are in world units.
@@ -98,6 +101,8 @@ struct Part {
     at: Vec<usize>,
     /// The meshes of the levels.
     levels: Vec<Mesh>,
+    /// From each of them to the next; none without geomorphs.
+    correspondences: Vec<Correspondence>,
 }
 
 impl Part {
@@ -142,7 +147,16 @@ pub fn lod_chain(asset: &Asset, options: &LodOptions, control: Control<'_>) -> R
         let (progressive, _) = made.map_err(refused(index))?;
         let scale = scales[index];
         let (unit, draws) = (scale.powi(power), draws[index]);
-        Ok(Part { progressive, poses, scale, unit, draws, at: Vec::new(), levels: Vec::new() })
+        Ok(Part {
+            progressive,
+            poses,
+            scale,
+            unit,
+            draws,
+            at: Vec::new(),
+            levels: Vec::new(),
+            correspondences: Vec::new(),
+        })
     };
     let parts = (0..asset.meshes.len()).into_par_iter().map(part);
     let mut parts: Vec<Part> = parts.collect::<Result<_, ProcessError>>()?;
@@ -160,7 +174,7 @@ pub fn lod_chain(asset: &Asset, options: &LodOptions, control: Control<'_>) -> R
         LodLevel {
             triangles: parts.iter().map(|part| part.drawn_at(part.at[k])).sum(),
             error: errors.fold(0.0, f64::max),
-            meshes: Vec::new(),
+            ..LodLevel::default()
         }
     });
     let mut chain =
@@ -171,6 +185,8 @@ pub fn lod_chain(asset: &Asset, options: &LodOptions, control: Control<'_>) -> R
             chain.original.extend(meshes.next());
         }
         chain.levels.iter_mut().zip(meshes).for_each(|(level, mesh)| level.meshes.push(mesh));
+        let correspondences = chain.levels.iter_mut().zip(part.correspondences);
+        correspondences.for_each(|(level, correspondence)| level.correspondences.push(correspondence));
     }
     Ok(chain)
 }
@@ -204,6 +220,7 @@ impl Part {
             let geomorph = Geomorph::new(&levels[k], &levels[k + 1], &correspondence, &GeomorphOptions::default());
             let geomorph = geomorph.expect("the correspondence is of these levels");
             levels[k].morph_targets.push(geomorph.deltas());
+            self.correspondences.push(correspondence);
         }
         if let (Some(last), true, false) = (levels.last_mut(), options.geomorph, original.morph_targets.is_empty()) {
             // clips that turn blend shapes on and off want the same number of them in each level
