@@ -28,10 +28,10 @@ pub(crate) fn run(args: &LodArgs) -> Result<(), Failure> {
         let message = "the file has levels of detail already (make the chain of the original)";
         return Err(Failure::about(&args.input, message));
     }
-    let poses = poses(args, &asset)?;
+    let poses = poses(args.poses.as_deref(), &asset)?;
     let options = LodOptions {
         simplify: SimplifyOptions::default(),
-        levels: levels(args, asset.drawn_triangle_count())?,
+        levels: levels(&args.levels, asset.drawn_triangle_count())?,
         refit: args.refit.unwrap_or(poses != PoseSet::Bind),
         poses,
         geomorph: args.geomorph,
@@ -76,8 +76,9 @@ fn paths(output: &Path) -> impl Iterator<Item = PathBuf> + '_ {
     (0..).map(move |level| output.with_file_name(format!("{stem}_LOD{level}.{extension}")))
 }
 
-fn levels(args: &LodArgs, total: usize) -> Result<Vec<usize>, Failure> {
-    match &args.levels {
+/// The triangles of each level that `--levels` asks for.
+pub(super) fn levels(levels: &Levels, total: usize) -> Result<Vec<usize>, Failure> {
+    match levels {
         Levels::Auto => {
             Ok(std::iter::successors(Some(total / 2), |level| Some(level / 2)).take_while(|&n| n >= FEWEST).collect())
         }
@@ -93,10 +94,11 @@ fn levels(args: &LodArgs, total: usize) -> Result<Vec<usize>, Failure> {
     }
 }
 
-fn poses(args: &LodArgs, asset: &Asset) -> Result<PoseSet, Failure> {
+/// The poses that `--poses` asks for.
+pub(super) fn poses(text: Option<&str>, asset: &Asset) -> Result<PoseSet, Failure> {
     let refuse = |message: String| Err(Failure::Usage(format!("--poses: {message}")));
     let has_clips = !asset.clips().is_empty();
-    let Some(text) = args.poses.as_deref() else {
+    let Some(text) = text else {
         return Ok(if has_clips { PoseSet::Clips { most: POSES } } else { PoseSet::Bind });
     };
     let names = || asset.clips().iter().map(|clip| clip.name.as_str()).collect::<Vec<_>>().join(", ");
