@@ -458,7 +458,8 @@ pub(crate) struct CompareArgs {
 #[derive(Debug, Args)]
 #[command(
     arg_required_else_help = true,
-    after_long_help = "Examples:\n  maille bench metrics model.glb -o metrics.html"
+    after_long_help = "Examples:\n  maille bench metrics model.glb -o metrics.html\n  \
+        maille bench popping model.glb -o popping.html"
 )]
 pub(crate) struct BenchArgs {
     #[command(subcommand)]
@@ -468,6 +469,7 @@ pub(crate) struct BenchArgs {
 #[derive(Debug, Subcommand)]
 pub(crate) enum Bench {
     Metrics(MetricsArgs),
+    Popping(PoppingArgs),
 }
 
 /// Compares metrics and placements on a model: time, measured errors, shape of the triangles, pictures.
@@ -506,6 +508,48 @@ pub(crate) struct MetricsArgs {
     /// Size of the pictures in pixels.
     #[arg(long, value_name = "WxH", default_value = "420x420", value_parser = parse_size)]
     pub(crate) size: (u32, u32),
+    #[command(flatten)]
+    pub(crate) common: Common,
+}
+
+/// Measures with pictures how much levels of detail pop where they are switched, with geomorphs and without.
+///
+/// Makes the chain of levels as `maille lod` does and looks at each switch from directions all around the model, where the error
+/// of the coarser level is --pixels in a picture of 1080 lines. The largest change of a pixel from one frame to the next is
+/// taken, over the frames of a geomorph and over a cut; nothing else moves. Without normals, a model is given some.
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  maille bench popping model.glb\n  \
+    maille bench popping character.glb --levels 50%,10% --frames 15 -o popping.html\n  \
+    maille bench popping character.glb --morph-target")]
+pub(crate) struct PoppingArgs {
+    /// The file to read.
+    pub(crate) input: PathBuf,
+    /// What the levels have of the triangles, as in `maille lod`.
+    #[arg(long, value_name = "LEVEL,...", value_parser = parse_levels, default_value = "auto")]
+    pub(crate) levels: Levels,
+    /// In which poses the surface is looked at while it is simplified, as in `maille lod`; it is drawn at rest.
+    #[arg(long, value_name = "POSES")]
+    pub(crate) poses: Option<String>,
+    /// Takes the morph target that `maille lod --geomorph` writes, as any viewer of glTF shows it, instead of a geomorph of all
+    /// attributes: texture coordinates, colours, joints and weights are those of the finer level up to the switch.
+    #[arg(long)]
+    pub(crate) morph_target: bool,
+    /// Directions to look from, spread evenly over the sphere.
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub(crate) views: u16,
+    /// Frames of a geomorph: 30 are half a second at 60 to the second.
+    #[arg(long, value_name = "N", default_value_t = 30, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    pub(crate) frames: u16,
+    /// Error in pixels at which levels are switched.
+    #[arg(long, value_name = "PX", default_value_t = 1.0, value_parser = parse_positive)]
+    pub(crate) pixels: f64,
+    /// Most pixels of a picture, up to 512x512: a window onto the middle of a screen of 1080 lines; what is smaller there gets a
+    /// smaller one.
+    #[arg(long, value_name = "WxH", default_value = "200x200", value_parser = parse_window)]
+    pub(crate) size: (u32, u32),
+    /// Also writes a report with plots and pictures (.html), and the figures as .json beside it.
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) common: Common,
 }
@@ -766,6 +810,14 @@ fn parse_size(text: &str) -> Result<(u32, u32), String> {
         if (16..=8192).contains(&side) { Ok(side) } else { Err("sides must be 16 to 8192 pixels".to_owned()) }
     };
     Ok((side(width)?, side(height)?))
+}
+
+/// The size of a picture of which each pixel has hundreds of samples in memory.
+fn parse_window(text: &str) -> Result<(u32, u32), String> {
+    match parse_size(text)? {
+        (width, height) if width.max(height) > 512 => Err("it must be 512x512 at most".into()),
+        size => Ok(size),
+    }
 }
 
 fn parse_view(text: &str) -> Result<(f32, f32), String> {

@@ -225,6 +225,54 @@ fn what_is_compared_can_be_chosen() {
 }
 
 #[test]
+fn a_geomorph_pops_less_than_a_cut_and_ends_at_the_next_level() {
+    let folder = with_sphere("a.ply");
+    let command = ["bench", "popping", "a.ply", "--levels", "5%,2%", "--views", "3", "--frames", "8"];
+    let small = ["--size", "96x96", "-o", "p.html"];
+    let told = folder.json(&[&command[..], &small, &["--threads", "1"]].concat());
+    assert_eq!(folder.names(), ["a.ply", "p.html", "p.json"]);
+    assert_eq!(parsed(&folder, "p.json"), told);
+    let switches = told["switches"].as_array().expect("there are switches");
+    assert_eq!(switches.len(), 2);
+    for switch in switches {
+        let [cut, morph] = ["cut_max", "morph_max"].map(|key| number(&switch[key]));
+        assert!(cut > 0.01 && morph > 0.0 && morph < 0.5 * cut, "{switch}");
+        assert!((number(&switch["ratio"]) - morph / cut).abs() < 1e-9);
+        let steps: Vec<f64> = switch["steps"].as_array().expect("there are steps").iter().map(number).collect();
+        assert_eq!((steps.len(), steps.iter().copied().fold(0.0, f64::max)), (9, morph));
+        assert!(steps[8] < 1e-5, "the end of the geomorph is the next level: {}", steps[8]);
+        let views = switch["views"].as_array().expect("there are views");
+        assert_eq!((views.len(), switch["size"].as_array().map(Vec::len)), (3, Some(2)));
+        // where a pixel of the screen is as large as the error allows
+        let [error, distance] = ["error", "distance"].map(|key| number(&switch[key]));
+        assert!((error / distance * 1080.0 / (2.0 * 30.0_f64.to_radians().tan()) - 1.0).abs() < 1e-9);
+    }
+    assert_eq!(number(&told["ratio"]), switches.iter().map(|s| number(&s["ratio"])).fold(0.0, f64::max));
+    let page = text(&folder, "p.html");
+    assert_is_whole(&page);
+    assert_eq!(page.matches("<img ").count(), 10, "five pictures of each switch");
+    assert_eq!(folder.json(&[&command[..], &small, &["--threads", "3"]].concat()), told);
+}
+
+#[test]
+fn popping_of_the_morph_target_of_a_character() {
+    let folder = Folder::new();
+    folder.done(&["sample", "character", "-o", "a.glb", "--triangles", "2000"]);
+    let command = ["bench", "popping", "a.glb", "--levels", "30%", "--views", "2", "--frames", "4", "--size", "64x64"];
+    let [exact, target] = [&[][..], &["--morph-target"]].map(|more| folder.json(&[&command[..], more].concat()));
+    let end = |told: &Value| number(&told["switches"][0]["steps"][4]);
+    assert!(end(&exact) < 1e-4, "levels in a pose are met exactly: {exact}");
+    assert!(end(&target) > end(&exact), "joints and weights of the finer level stay: {target}");
+    assert_eq!(target["morph_target"], true);
+    folder.done(&["lod", "a.glb", "-o", "b.glb", "--levels", "30%"]);
+    folder.refused(&["bench", "popping", "b.glb"], "b.glb");
+    folder.refused(&["bench", "popping", "a.glb", "-o", "absent/p.html"], "absent");
+    for wrong in [["--pixels", "0"], ["--views", "0"], ["--frames", "0"], ["--size", "513x64"], ["-o", "p.txt"]] {
+        assert_eq!(folder.run(&[&command[..3], &wrong].concat()).code, 2, "{wrong:?}");
+    }
+}
+
+#[test]
 fn errors_over_time_are_plotted() {
     let folder = Folder::new();
     folder.done(&["sample", "character", "-o", "a.glb", "--triangles", "4000"]);
@@ -249,6 +297,7 @@ fn broken_input_leaves_no_report() {
     let folder = Folder::new();
     folder.file("empty.obj", "v 0 0 0\n");
     folder.refused(&["bench", "metrics", "empty.obj", "-o", "m.html"], "empty.obj");
+    folder.refused(&["bench", "popping", "empty.obj", "-o", "p.html"], "empty.obj");
     let command = ["simplify", "empty.obj", "-o", "b.ply", "--ratio", "0.5", "--report", "r.html"];
     folder.refused(&command, "empty.obj");
 }

@@ -101,7 +101,7 @@ fn refuse_folder(path: &Path, example: &str) -> Result<(), Failure> {
 }
 
 /// The asset without levels of detail, which are told to be left out: they are of the original.
-fn without_levels(asset: Asset, session: &Session) -> Asset {
+pub(crate) fn without_levels(asset: Asset, session: &Session) -> Asset {
     match asset.split_levels() {
         Some(Ok((whole, levels))) => {
             let count = levels.len();

@@ -49,6 +49,14 @@ impl Camera {
         Self { axes, position, width, height, focal }
     }
 
+    /// Looks at the origin along a direction (unit, towards the viewer) from a distance; the focal length is in pixels, so
+    /// that the picture is a window of its size onto one as large as the camera's.
+    pub(crate) fn at(back: Vec3, distance: f32, focal: f32, size: (u32, u32)) -> Self {
+        let right = Vec3::Y.cross(back).try_normalize().unwrap_or(Vec3::X);
+        let axes = Mat3::from_cols(right, back.cross(right), back);
+        Self { axes, position: distance * back, width: size.0 as f32, height: size.1 as f32, focal }
+    }
+
     /// Size of the picture in pixels.
     pub(crate) fn size(&self) -> (u32, u32) {
         (self.width as u32, self.height as u32)

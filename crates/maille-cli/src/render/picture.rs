@@ -2,6 +2,7 @@
 
 use std::io::Cursor;
 
+use glam::Vec3;
 use image::RgbaImage;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 
@@ -14,6 +15,12 @@ pub(crate) struct Picture {
 }
 
 impl Picture {
+    /// From colours of a screen (sRGB), 0 to 1.
+    pub(crate) fn of(width: u32, height: u32, colours: &[Vec3]) -> Self {
+        let pixel = |c: &Vec3| [c.x, c.y, c.z, 1.0].map(|x| (255.0 * x).round() as u8);
+        Self { width, height, pixels: colours.iter().map(pixel).collect() }
+    }
+
     /// The bytes of a PNG file.
     pub(crate) fn to_png(&self) -> Vec<u8> {
         let bytes = self.pixels.as_flattened().to_vec();

@@ -103,9 +103,9 @@ impl Band {
             let y = center(self.first_row + row);
             for column in columns.clone() {
                 let x = center(column);
-                let sides = edges.each_ref().map(|edge| edge.side(x, y));
-                if sides.iter().zip(&edges).all(|(&side, edge)| side > 0 || (side == 0 && edge.owns_its_points)) {
-                    let z = (0..3).map(|i| sides[i] as f32 * corners[i].z).sum::<f32>() * scale;
+                let [a, b, c] = [edges[0].side(x, y), edges[1].side(x, y), edges[2].side(x, y)];
+                if edges[0].has_within(a) && edges[1].has_within(b) && edges[2].has_within(c) {
+                    let z = (a as f32 * corners[0].z + b as f32 * corners[1].z + c as f32 * corners[2].z) * scale;
                     hit(row * self.width + column, z);
                 }
             }
@@ -147,6 +147,13 @@ impl Edge {
         Self { from, direction, owns_its_points }
     }
 
+    /// Whether a point on this side belongs to the triangle.
+    #[inline]
+    fn has_within(&self, side: i64) -> bool {
+        side > 0 || (side == 0 && self.owns_its_points)
+    }
+
+    #[inline]
     fn side(&self, x: i64, y: i64) -> i64 {
         self.direction.0 * (y - self.from.1) - self.direction.1 * (x - self.from.0)
     }

@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use glam::{DMat3, DVec3, Vec2, Vec3};
+use maille::lod::MorphedMesh;
 use maille::mesh::NormalOptions;
-use maille::{Mesh, Semantic};
+use maille::{Attribute, Mesh, Semantic};
 use maille_io::{Asset, Instance};
 
 use super::colour;
@@ -23,6 +24,7 @@ pub(crate) struct Frame {
 }
 
 /// Triangles to draw.
+#[derive(Clone)]
 pub(crate) struct Scene {
     pub(crate) points: Vec<Vec3>,
     pub(crate) normals: Vec<Vec3>,
@@ -32,12 +34,15 @@ pub(crate) struct Scene {
     /// Linear; empty: none.
     colours: Vec<Vec3>,
     uvs: Vec<Vec2>,
+    /// Of each instance its number of points, and the set of texture coordinates that it is drawn with.
+    parts: Vec<(usize, u32)>,
     /// Surface of each triangle.
     surfaces: Vec<u32>,
     palette: Vec<Surface>,
 }
 
 /// What a triangle is covered with.
+#[derive(Clone)]
 struct Surface {
     /// Linear.
     colour: Vec3,
@@ -47,8 +52,13 @@ struct Surface {
     scale: Vec2,
 }
 
-/// Linear colours, rows from the top.
+/// An image, and the same at half the size, and so on down to one pixel.
 struct Image {
+    levels: Vec<Pixels>,
+}
+
+/// Linear colours, rows from the top.
+struct Pixels {
     width: usize,
     height: usize,
     colours: Vec<Vec3>,
@@ -62,6 +72,11 @@ impl Frame {
         let radius = (high - low).length() / 2.0;
         let scale = if radius > 0.0 { 1.0 / radius } else { 1.0 };
         Self { center: (low + high) / 2.0, scale, z_up }
+    }
+
+    /// The length of a world unit in scenes.
+    pub(crate) fn scale(&self) -> f64 {
+        self.scale
     }
 
     fn point(&self, p: DVec3) -> Vec3 {
@@ -84,6 +99,7 @@ impl Scene {
             ground: 0.0,
             colours: Vec::new(),
             uvs: Vec::new(),
+            parts: Vec::new(),
             surfaces: Vec::new(),
             palette: Vec::new(),
         };
@@ -120,8 +136,31 @@ impl Scene {
             Some(uvs) => self.uvs.extend(uvs.chunks_exact(2).map(Vec2::from_slice)),
             None => self.uvs.extend(std::iter::repeat_n(Vec2::ZERO, mesh.wedge_count())),
         }
+        self.parts.push((mesh.wedge_count(), set));
         let surface = |t: usize| surfaces[mesh.triangle_material(t) as usize].0;
         self.surfaces.extend((0..mesh.triangle_count()).map(surface));
+    }
+
+    /// Takes the positions, normals, colours and texture coordinates of a mesh in world units whose wedges are those of all
+    /// instances, one after the other: [`Asset::flattened`], on its way to another level.
+    pub(crate) fn set(&mut self, mesh: &MorphedMesh, frame: &Frame) {
+        let floats = |semantic| mesh.attribute(&semantic).and_then(Attribute::as_f32);
+        self.points = mesh.positions.iter().map(|&p| frame.point(Vec3::from(p).as_dvec3())).collect();
+        if let Some(normals) = floats(Semantic::Normal) {
+            let normal = |n: &[f32]| frame.direction(Vec3::from_slice(n).as_dvec3());
+            self.normals = normals.chunks_exact(3).map(normal).collect();
+        }
+        if let Some(colours) = mesh.attribute(&Semantic::Color(0)).filter(|_| !self.colours.is_empty()) {
+            self.colours = decoded(colours).unwrap_or_default();
+        }
+        let mut first = 0;
+        for &(points, set) in &self.parts {
+            if let Some(uvs) = floats(Semantic::TexCoord(set)) {
+                let own = uvs[2 * first..].chunks_exact(2).map(Vec2::from_slice);
+                self.uvs[first..first + points].iter_mut().zip(own).for_each(|(uv, own)| *uv = own);
+            }
+            first += points;
+        }
     }
 
     /// Whether colours or textures tell parts of it from others.
@@ -135,17 +174,43 @@ impl Scene {
 
     /// Colour of a triangle at a point given by barycentric weights, linear.
     pub(crate) fn albedo(&self, triangle: usize, weights: Vec3) -> Vec3 {
-        let ids = self.triangles[triangle];
+        let (plain, surface) = self.plain_albedo(triangle, weights);
+        match &surface.image {
+            Some(image) => plain * image.levels[0].colour_at(surface.place(self.uv(triangle, weights))),
+            None => plain,
+        }
+    }
+
+    /// The same over the area of a pixel: the weights are those of the point and of the two that are a pixel away, to the
+    /// right and below.
+    pub(crate) fn filtered_albedo(&self, triangle: usize, weights: [Vec3; 3]) -> Vec3 {
+        let (plain, surface) = self.plain_albedo(triangle, weights[0]);
+        match &surface.image {
+            Some(image) => plain * image.filtered(weights.map(|weights| surface.place(self.uv(triangle, weights)))),
+            None => plain,
+        }
+    }
+
+    /// Colour without the texture, and what covers the triangle.
+    fn plain_albedo(&self, triangle: usize, weights: Vec3) -> (Vec3, &Surface) {
         let surface = &self.palette[self.surfaces[triangle] as usize];
-        let mut colour = surface.colour;
-        if !self.colours.is_empty() {
-            colour *= (0..3).map(|i| weights[i] * self.colours[ids[i] as usize]).sum::<Vec3>();
+        if self.colours.is_empty() {
+            return (surface.colour, surface);
         }
-        if let Some(image) = &surface.image {
-            let uv = (0..3).map(|i| weights[i] * self.uvs[ids[i] as usize]).sum::<Vec2>();
-            colour *= image.colour_at(surface.offset + surface.scale * uv);
-        }
-        colour
+        let ids = self.triangles[triangle];
+        (surface.colour * (0..3).map(|i| weights[i] * self.colours[ids[i] as usize]).sum::<Vec3>(), surface)
+    }
+
+    fn uv(&self, triangle: usize, weights: Vec3) -> Vec2 {
+        let ids = self.triangles[triangle];
+        (0..3).map(|i| weights[i] * self.uvs[ids[i] as usize]).sum()
+    }
+}
+
+impl Surface {
+    /// Place in the image of texture coordinates.
+    fn place(&self, uv: Vec2) -> Vec2 {
+        self.offset + self.scale * uv
     }
 }
 
@@ -205,7 +270,42 @@ impl Image {
         let image = image.to_rgb8();
         let to_linear: Vec<f32> = (0..256).map(|byte| colour::linear(Vec3::splat(byte as f32 / 255.0)).x).collect();
         let colours = image.pixels().map(|p| Vec3::from_array(p.0.map(|byte| to_linear[usize::from(byte)]))).collect();
-        Some(Arc::new(Self { width: image.width() as usize, height: image.height() as usize, colours }))
+        let first = Pixels { width: image.width() as usize, height: image.height() as usize, colours };
+        Some(Arc::new(Self { levels: std::iter::successors(Some(first), Pixels::halved).collect() }))
+    }
+
+    /// The mean over about the area that three places span, the last two a pixel of the picture away from the first: of the two
+    /// nearest sizes, as graphics cards do (trilinear filtering).
+    fn filtered(&self, [at, right, below]: [Vec2; 3]) -> Vec3 {
+        let first = &self.levels[0];
+        let size = Vec2::new(first.width as f32, first.height as f32);
+        let span = ((right - at) * size).length().max(((below - at) * size).length());
+        let last = self.levels.len() - 1;
+        let level = if span.is_finite() { span.max(1.0).log2().min(last as f32) } else { last as f32 };
+        let finer = level as usize;
+        let colour = self.levels[finer].colour_at(at);
+        match level - finer as f32 {
+            0.0 => colour,
+            share => colour.lerp(self.levels[finer + 1].colour_at(at), share),
+        }
+    }
+}
+
+impl Pixels {
+    /// The image at half the size; `None` for a single pixel.
+    fn halved(&self) -> Option<Self> {
+        if self.width * self.height <= 1 {
+            return None;
+        }
+        let (width, height) = ((self.width / 2).max(1), (self.height / 2).max(1));
+        let pixel = |i: usize| {
+            let (x, y) = (i % width * 2, i / width * 2);
+            let at = |dx: usize, dy: usize| {
+                self.colours[(y + dy).min(self.height - 1) * self.width + (x + dx).min(self.width - 1)]
+            };
+            (at(0, 0) + at(1, 0) + at(0, 1) + at(1, 1)) / 4.0
+        };
+        Some(Self { width, height, colours: (0..width * height).map(pixel).collect() })
     }
 
     /// Blends the four pixels around a place; the image repeats.
@@ -233,7 +333,7 @@ fn turned(linear: DMat3, normal: DVec3) -> DVec3 {
 }
 
 /// The mesh with normals: its own, or smooth ones with creases.
-fn with_normals(mesh: &Mesh) -> Cow<'_, Mesh> {
+pub(crate) fn with_normals(mesh: &Mesh) -> Cow<'_, Mesh> {
     if mesh.wedge_attribute(&Semantic::Normal).is_some_and(|a| a.as_f32().is_some() && a.components == 3) {
         return Cow::Borrowed(mesh);
     }
@@ -244,17 +344,20 @@ fn with_normals(mesh: &Mesh) -> Cow<'_, Mesh> {
 
 /// Linear colour of each wedge, where the mesh has colours.
 fn colours(mesh: &Mesh) -> Option<Vec<Vec3>> {
-    let is_colour = |a: &&maille::Attribute| a.semantic == Semantic::Color(0) && a.components >= 3;
+    let is_colour = |a: &&Attribute| a.semantic == Semantic::Color(0) && a.components >= 3;
     let own = mesh.wedge_attributes.iter().find(is_colour);
-    let attribute = own.or_else(|| mesh.vertex_attributes.iter().find(is_colour))?;
-    let values = attribute.as_f32()?;
-    let decode = |c: &[f32]| {
-        let c = Vec3::from_slice(c).clamp(Vec3::ZERO, Vec3::ONE);
-        if attribute.storage.srgb { colour::linear(c) } else { c }
-    };
-    let colours: Vec<Vec3> = values.chunks_exact(attribute.components).map(decode).collect();
+    let colours = decoded(own.or_else(|| mesh.vertex_attributes.iter().find(is_colour))?)?;
     match own {
         Some(_) => Some(colours),
         None => Some(mesh.wedge_vertices.iter().map(|&v| colours[v as usize]).collect()),
     }
+}
+
+/// Linear colours of an attribute of floats.
+fn decoded(attribute: &Attribute) -> Option<Vec<Vec3>> {
+    let decode = |c: &[f32]| {
+        let c = Vec3::from_slice(c).clamp(Vec3::ZERO, Vec3::ONE);
+        if attribute.storage.srgb { colour::linear(c) } else { c }
+    };
+    Some(attribute.as_f32()?.chunks_exact(attribute.components).map(decode).collect())
 }

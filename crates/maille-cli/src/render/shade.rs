@@ -172,7 +172,7 @@ impl Painter<'_> {
 }
 
 /// Barycentric weights on the screen; they add up to 1.
-fn screen_weights(corners: [Vec3; 3], at: Vec2) -> Vec3 {
+pub(super) fn screen_weights(corners: [Vec3; 3], at: Vec2) -> Vec3 {
     let [a, b, c] = corners.map(|p| p.truncate());
     let area = (b - a).perp_dot(c - a);
     let weights = Vec3::new((c - b).perp_dot(at - b), (a - c).perp_dot(at - c), (b - a).perp_dot(at - a));
