@@ -228,6 +228,7 @@ pub(crate) struct SimplifyArgs {
     /// Whether the vertices that are left are fitted to the original in the end: a smaller error for one to five times as
     /// much time more. Default: yes with --preset best.
     #[arg(long, value_name = "yes|no", num_args = 0..=1, default_missing_value = "yes", require_equals = true,
+        conflicts_with = "no_self_intersections",
         value_parser = clap::builder::BoolishValueParser::new(), help_heading = "Method")]
     pub(crate) refit: Option<bool>,
     #[command(flatten)]
@@ -310,6 +311,7 @@ pub(crate) struct LodArgs {
     /// Whether the vertices of each level are fitted to the original: their places and, if poses are looked at, the weights of
     /// their joints. Default: yes where poses are looked at.
     #[arg(long, value_name = "yes|no", num_args = 0..=1, default_missing_value = "yes", require_equals = true,
+        conflicts_with = "no_self_intersections",
         value_parser = clap::builder::BoolishValueParser::new())]
     pub(crate) refit: Option<bool>,
     /// Tells how each level, the original among them, goes over into the next. target: by a morph target named `geomorph`, which
@@ -530,8 +532,8 @@ pub(crate) struct PoppingArgs {
     /// In which poses the surface is looked at while it is simplified, as in `maille lod`; it is drawn at rest.
     #[arg(long, value_name = "POSES")]
     pub(crate) poses: Option<String>,
-    /// Takes the morph target that `maille lod --geomorph` writes, as any viewer of glTF shows it, instead of a geomorph of all
-    /// attributes: texture coordinates, colours, joints and weights are those of the finer level up to the switch.
+    /// Takes the morph target that `maille lod --geomorph` writes, as a viewer of glTF shows it, instead of a geomorph of all
+    /// attributes: joints and weights are those of the finer level up to the switch.
     #[arg(long)]
     pub(crate) morph_target: bool,
     /// Directions to look from, spread evenly over the sphere.

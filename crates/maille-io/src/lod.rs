@@ -387,7 +387,12 @@ impl Member {
             level.wedge_attributes.extend(attributes);
         }
         if form.target {
-            level.morph_targets.push(geomorph.deltas());
+            let mut target = geomorph.deltas();
+            if !level.morph_targets.is_empty() {
+                // three.js takes the colours themselves for what other targets would add to them
+                target.attributes.retain(|attribute| !matches!(attribute.semantic, Semantic::Color(_)));
+            }
+            level.morph_targets.push(target);
         }
     }
 

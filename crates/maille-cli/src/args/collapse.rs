@@ -71,7 +71,7 @@ pub(crate) struct CollapseArgs {
     pub(crate) min_quality: Option<f64>,
     /// Refuse collapses after which the surface would pass through itself. Takes four to five times as long; --refit,
     /// which does not know of it, is left out.
-    #[arg(long, help_heading = "Constraints", conflicts_with = "refit")]
+    #[arg(long, help_heading = "Constraints")]
     pub(crate) no_self_intersections: bool,
     /// Also join vertices without an edge between them that are closer than this: units, or a share of the diagonal.
     #[arg(long, value_name = "D", value_parser = parse_distance, help_heading = "Constraints")]

@@ -71,11 +71,14 @@ pub(super) fn compose(document: &Document, meshes: &[NamedMesh], form: Form) -> 
     Ok(Composed { json: composer.json, views: composer.views })
 }
 
-/// The JSON of a document without some of its meshes, and what only they used; meshes that come after one are renumbered.
-/// Nothing is to draw those that go.
-pub(super) fn without_meshes(document: &Document, removed: &[bool]) -> Value {
-    let stale: Vec<Option<Mesh>> = removed.iter().map(|&removed| removed.then(Mesh::default)).collect();
-    let mut composer = Composer::new(document, &stale);
+/// The JSON of a document without some of its meshes, and what only they used or only `stale` accessors, which it names no more;
+/// meshes that come after one are renumbered. Nothing is to draw those that go.
+pub(super) fn without_meshes(document: &Document, removed: &[bool], stale: &[usize]) -> Value {
+    let gone: Vec<Option<Mesh>> = removed.iter().map(|&removed| removed.then(Mesh::default)).collect();
+    let mut users = Users::of(document, &gone);
+    mark(&mut users.old_accessors, stale.iter().copied());
+    let mut composer = Composer::new(document, &[]);
+    composer.free_old_data(users);
     composer.finish();
     let mut json = composer.json;
     let mut number = 0;
@@ -116,25 +119,23 @@ struct Composer<'a> {
 
 impl<'a> Composer<'a> {
     fn new(document: &'a Document, originals: &[Option<Mesh>]) -> Self {
-        let views: Vec<Content> = document.views.iter().copied().map(Content::Kept).collect();
         let mut composer = Self {
             document,
             json: document.json.clone(),
-            views,
+            views: document.views.iter().copied().map(Content::Kept).collect(),
             free_accessors: VecDeque::new(),
             free_views: VecDeque::new(),
             form: Form::default(),
         };
         if originals.iter().any(Option::is_some) {
-            composer.free_old_data(originals);
+            composer.free_old_data(Users::of(document, originals));
         }
         composer
     }
 
     /// Finds the accessors, and then the buffer views, that nothing uses but the old data of changed meshes.
-    fn free_old_data(&mut self, originals: &[Option<Mesh>]) {
+    fn free_old_data(&mut self, users: Users) {
         let accessors = self.document.list("accessors");
-        let users = Users::of(self.document, originals);
         let free = |i: &usize| users.old_accessors[*i] && !users.live_accessors[*i];
         let (freed, kept): (Vec<usize>, Vec<usize>) = (0..accessors.len()).partition(free);
         let mut live = users.live_views;

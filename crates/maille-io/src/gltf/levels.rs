@@ -46,14 +46,15 @@ impl Document {
             LodLevel { meshes: originals.map(mesh).collect(), ..LodLevel::default() }
         };
         let mut levels: Vec<LodLevel> = (0..count).map(level).collect();
-        let mut copy = Self { json: without_meshes(self, &removed), ..self.shared() };
+        let mut copy = Self { json: self.json.clone(), ..self.shared() };
+        let mut narrowed = BTreeSet::new();
+        let kept = (0..removed.len()).filter(|&mesh| !removed[mesh]);
+        let stale: Vec<usize> = kept.flat_map(|mesh| copy.forget_ways(mesh, &mut narrowed)).collect();
+        copy.json = without_meshes(&copy, &removed, &stale);
         copy.remove_nodes(&level_nodes);
-        let morphing: Vec<bool> = copy.list("meshes").iter().map(is_geomorph_last).collect();
-        (0..morphing.len()).filter(|&mesh| morphing[mesh]).for_each(|mesh| copy.forget_geomorph(mesh));
         let copy = Self::new(copy.json, copy.buffers, copy.folder.as_deref())?;
         let mut unlimited = Budget { left: u64::MAX };
-        let mut whole = asset_of(copy, &mut unlimited, asset.warnings.clone())?;
-        whole.meshes.iter_mut().zip(morphing).for_each(|(named, morphs)| strip(&mut named.mesh, morphs));
+        let whole = asset_of(copy, &mut unlimited, asset.warnings.clone())?;
         let draws = whole.draws();
         for level in &mut levels {
             level.triangles = level.meshes.iter().zip(&draws).map(|(mesh, draws)| mesh.triangle_count() * draws).sum();
@@ -167,16 +168,37 @@ impl Document {
         }
     }
 
-    /// Takes back what was said of the last morph target of a mesh: its name, and the places where it is off.
-    fn forget_geomorph(&mut self, number: usize) {
-        let mesh = &mut self.json["meshes"][number];
-        let pop = |object: &mut Value, key: &str| {
-            let Some(items) = object.get_mut(key).and_then(Value::as_array_mut) else { return };
-            items.pop();
-            if items.is_empty() {
-                remove(object, key);
+    /// Takes away what takes a mesh to its next level; the accessors that it was in. Samplers that tell of it no more are
+    /// `narrowed`.
+    fn forget_ways(&mut self, number: usize, narrowed: &mut BTreeSet<(usize, usize)>) -> Vec<usize> {
+        let has_geomorph = is_geomorph_last(&self.list("meshes")[number]);
+        let mut stale = Vec::new();
+        let mut targets = 0;
+        let primitives = self.json["meshes"][number].get_mut("primitives").and_then(Value::as_array_mut);
+        for primitive in primitives.into_iter().flatten() {
+            if let Some(attributes) = primitive.get_mut("attributes").and_then(Value::as_object_mut) {
+                attributes.retain(|name, accessor| {
+                    let is_way = name.starts_with(MORPH_ATTRIBUTES);
+                    stale.extend(as_index(accessor).ok().filter(|_| is_way));
+                    !is_way
+                });
             }
-        };
+            if has_geomorph {
+                targets = list(primitive, "targets").map_or(0, <[Value]>::len);
+                let accessors = pop(primitive, "targets");
+                let accessors = accessors.as_ref().and_then(Value::as_object).into_iter().flatten();
+                stale.extend(accessors.filter_map(|(_, accessor)| as_index(accessor).ok()));
+            }
+        }
+        if has_geomorph {
+            stale.extend(self.forget_weight(number, targets, narrowed));
+        }
+        stale
+    }
+
+    /// Takes back what was said of the last morph target of a mesh: its name, and the places where it is off.
+    fn forget_weight(&mut self, number: usize, targets: usize, narrowed: &mut BTreeSet<(usize, usize)>) -> Vec<usize> {
+        let mesh = &mut self.json["meshes"][number];
         pop(mesh, "weights");
         if let Some(extras) = mesh.get_mut("extras") {
             pop(extras, "targetNames");
@@ -184,17 +206,15 @@ impl Document {
                 remove(mesh, "extras");
             }
         }
-        let targets = list(&mesh["primitives"][0], "targets").map_or(0, <[Value]>::len);
         let nodes = self.json["nodes"].as_array_mut().into_iter().flatten().enumerate();
         let drawn = nodes.filter(|(_, node)| index(node, "mesh").ok().flatten() == Some(number));
         let drawn: Vec<usize> = drawn.map(|(i, node)| (pop(node, "weights"), i).1).collect();
-        if targets > 1 {
-            for sampler in self.samplers_of_weights(&drawn) {
-                self.rewrite_output(sampler, |values| {
-                    values.chunks_exact(targets).flat_map(|key| &key[..targets - 1]).copied().collect()
-                });
-            }
-        }
+        let mut samplers = if targets > 1 { self.samplers_of_weights(&drawn) } else { BTreeSet::new() };
+        samplers.retain(|&sampler| narrowed.insert(sampler)); // one may serve several meshes
+        let narrow = |values: &[f32]| -> Vec<f32> {
+            values.chunks_exact(targets).flat_map(|key| &key[..targets - 1]).copied().collect()
+        };
+        samplers.into_iter().filter_map(|sampler| self.rewrite_output(sampler, narrow)).collect()
     }
 
     /// The samplers, each once, that tell how far the morph targets of some nodes are on: by animation and number.
@@ -211,14 +231,28 @@ impl Document {
         samplers
     }
 
-    /// Gives a sampler other values; one that cannot be read is of no use as it is, and stays.
-    pub(super) fn rewrite_output(&mut self, (a, sampler): (usize, usize), change: impl Fn(&[f32]) -> Vec<f32>) {
-        let output = index(&self.json["animations"][a]["samplers"][sampler], "output").ok().flatten();
-        let Some(Ok(accessor)) = output.map(|output| Accessor::new(self, output)) else { return };
-        let values = change(&accessor.floats(None));
+    /// Gives a sampler other values; the accessor that it had. One that cannot be read is of no use as it is, and stays.
+    pub(super) fn rewrite_output(
+        &mut self,
+        (a, sampler): (usize, usize),
+        change: impl Fn(&[f32]) -> Vec<f32>,
+    ) -> Option<usize> {
+        let output = index(&self.json["animations"][a]["samplers"][sampler], "output").ok().flatten()?;
+        let values = change(&Accessor::new(self, output).ok()?.floats(None));
         let number = self.push_floats(values.iter().flat_map(|x| x.to_le_bytes()).collect());
         self.json["animations"][a]["samplers"][sampler]["output"] = json!(number);
+        Some(output)
     }
+}
+
+/// Takes the last item out of a list, and the list out of its object if it is then empty.
+fn pop(object: &mut Value, key: &str) -> Option<Value> {
+    let items = object.get_mut(key)?.as_array_mut()?;
+    let last = items.pop();
+    if items.is_empty() {
+        remove(object, key);
+    }
+    last
 }
 
 /// Whether the last morph target of a mesh takes it to its next level.

@@ -265,18 +265,26 @@ impl Geomorph {
         }
     }
 
-    /// What to add to the finer level's positions, normals and tangents to get to the coarser level: a blend shape for
-    /// any viewer, to be given weights from 0 to 1. It is named `geomorph`.
+    /// What to add to the finer level's positions, normals, tangents, texture coordinates and colours to get to the coarser
+    /// level: a blend shape for any viewer, to be given weights from 0 to 1. It is named `geomorph`.
     ///
     /// Exact up to the rounding of one addition. In between, normals are not brought back to length 1 (viewers do
-    /// that). Attributes that the finer level lacks are left out.
+    /// that), and all else goes straight: also texture coordinates that jump in [`morph`](Self::morph). Those of triangles
+    /// that vanish stay. Attributes that the finer level lacks are left out, and so are texture coordinates and colours
+    /// that nowhere change.
     pub fn deltas(&self) -> MorphTarget {
         let paths = std::slice::from_ref(&self.positions);
-        let mut attributes = vec![self.delta(Semantic::Position, paths)];
-        for semantic in [Semantic::Normal, Semantic::Tangent] {
-            if self.channels.iter().any(|channel| channel.semantic == semantic && channel.components >= 3) {
-                let paths = self.paths(&semantic);
-                attributes.push(self.delta(semantic, paths));
+        let mut attributes = vec![self.delta(Semantic::Position, 3, paths)];
+        for channel in &self.channels {
+            let paths = self.paths(&channel.semantic);
+            match channel.semantic {
+                Semantic::Normal | Semantic::Tangent if channel.components >= 3 => {
+                    attributes.push(self.delta(channel.semantic.clone(), 3, paths));
+                }
+                Semantic::TexCoord(_) | Semantic::Color(_) if paths.iter().any(|path| !path.ends.moving.is_empty()) => {
+                    attributes.push(self.delta(channel.semantic.clone(), channel.components, paths));
+                }
+                _ => {}
             }
         }
         MorphTarget { name: "geomorph".into(), attributes }
@@ -315,13 +323,15 @@ impl Geomorph {
         }
     }
 
-    /// Differences of the first three components, 0 where nothing moves.
-    fn delta(&self, semantic: Semantic, paths: &[Path]) -> Attribute {
-        let mut deltas = vec![[0.0; 3]; self.wedges];
-        for (wedge, from, to) in paths.iter().flat_map(|path| path.ends.iter()) {
-            deltas[wedge as usize] = [0, 1, 2].map(|i| to[i] - from[i]);
+    /// Differences of the first components, 0 where nothing moves or only at the very end.
+    fn delta(&self, semantic: Semantic, components: usize, paths: &[Path]) -> Attribute {
+        let mut deltas = vec![0.0; components * self.wedges];
+        let seen = paths.iter().filter(|path| !matches!(path.way, Way::Hold));
+        for (wedge, from, to) in seen.flat_map(|path| path.ends.iter()) {
+            let own = &mut deltas[components * wedge as usize..][..components];
+            own.iter_mut().zip(from.iter().zip(to)).for_each(|(delta, (from, to))| *delta = to - from);
         }
-        Attribute::new_f32(semantic, 3, deltas.into_flattened())
+        Attribute::new_f32(semantic, components, deltas)
     }
 }
 

@@ -493,8 +493,20 @@ fn deltas_lead_from_the_finer_level_to_the_coarser_one() {
     let (start, end) = (MorphedMesh::new(&finer), expected_end(&finer, &coarser, &correspondence));
     let shape = geomorph.deltas();
     let semantics: Vec<_> = shape.attributes.iter().map(|delta| &delta.semantic).collect();
-    assert_eq!(semantics, [&Semantic::Position, &Semantic::Normal, &Semantic::Tangent]);
-    for delta in &shape.attributes {
+    let (uv, colors) = (Semantic::TexCoord(0), [Semantic::Color(0), Semantic::Color(1)]);
+    let known = [&Semantic::Position, &Semantic::Normal, &Semantic::Tangent, &uv, &colors[0], &colors[1]];
+    assert_eq!(semantics, known);
+    for delta in &shape.attributes[3..] {
+        let values = |mesh: &MorphedMesh| mesh.attribute(&delta.semantic).unwrap().as_f32().unwrap().to_vec();
+        let n = delta.components;
+        for (wedge, own) in delta.as_f32().unwrap().chunks_exact(n).enumerate() {
+            let [a, b] = [values(&start), values(&end)].map(|all| all[n * wedge..][..n].to_vec());
+            let arrives = own.iter().zip(a.iter().zip(&b)).all(|(d, (a, b))| (a + d - b).abs() < 1e-6);
+            let stays = own.iter().all(|&d| d == 0.0); // as texture coordinates of what vanishes
+            assert!(arrives || stays && delta.semantic == uv, "{} of {wedge}", delta.semantic);
+        }
+    }
+    for delta in &shape.attributes[..3] {
         let of = |mesh: &MorphedMesh| match delta.semantic {
             Semantic::Position => mesh.positions.iter().map(|&p| Vec3::from(p)).collect(),
             _ => vectors(mesh, &delta.semantic),

@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::{DVec3, Vec3};
 use maille::Mesh;
 use maille::lod::{Correspondence, Geomorph, GeomorphOptions, MorphedMesh, Target};
-use maille::mesh::{Attribute, MorphTarget, Semantic};
+use maille::mesh::Semantic;
 use maille::scene::View;
 use maille_io::{Asset, GeomorphForm, Instance, LodChain, LodLevel, LodOptions, PoseSet, lod_chain};
 use serde_json::{Value, json};
@@ -361,18 +361,17 @@ fn with_target(mesh: &Mesh) -> Mesh {
     end.vertex_attributes.iter_mut().for_each(|attribute| attribute.gather(wedges));
     end.wedge_vertices = (0..wedges.len() as u32).collect();
     let Some(target) = mesh.morph_targets.iter().rfind(|target| target.name == "geomorph") else { return end };
-    let deltas = |target: &MorphTarget, semantic| {
-        let attribute = target.attributes.iter().find(|attribute| attribute.semantic == semantic);
-        attribute.and_then(Attribute::as_f32).map(<[f32]>::to_vec)
-    };
-    for (value, delta) in
-        end.positions.as_flattened_mut().iter_mut().zip(deltas(target, Semantic::Position).unwrap_or_default())
-    {
-        *value += delta;
-    }
-    let normals = end.wedge_attributes.iter_mut().find(|attribute| attribute.semantic == Semantic::Normal);
-    if let Some(normals) = normals.and_then(|attribute| attribute.as_f32_mut()) {
-        normals.iter_mut().zip(deltas(target, Semantic::Normal).unwrap_or_default()).for_each(|(n, delta)| *n += delta);
+    for deltas in &target.attributes {
+        let Some(values) = deltas.as_f32() else { continue };
+        if deltas.semantic == Semantic::Position {
+            end.positions.as_flattened_mut().iter_mut().zip(values).for_each(|(value, delta)| *value += delta);
+            continue;
+        }
+        let Some(own) = end.wedge_attributes.iter_mut().find(|own| own.semantic == deltas.semantic) else { continue };
+        let components = own.components;
+        let Some(own) = own.as_f32_mut() else { continue };
+        let rows = own.chunks_exact_mut(components).zip(values.chunks_exact(deltas.components));
+        rows.for_each(|(own, delta)| own.iter_mut().zip(delta).for_each(|(value, delta)| *value += delta));
     }
     end
 }

@@ -15,7 +15,7 @@ use crate::failure::Failure;
 use crate::session::Session;
 
 /// Triangles of the character.
-const TRIANGLES: usize = 12_000;
+const TRIANGLES: usize = 6_000;
 const PERCENTS: [usize; 4] = [50, 25, 10, 3];
 /// Which of the levels is measured.
 const MEASURED: usize = 2;
