@@ -23,7 +23,7 @@ const MEASURED: usize = 2;
 const FRAMES: usize = 12;
 const SAMPLES: u64 = 20_000;
 /// Poses that stand for the clips.
-const POSES: usize = 16;
+const POSES: usize = 8;
 /// Pictures of the film, of the way from the level before the last to the last one.
 const PICTURES: usize = 6;
 const PICTURE: (u32, u32) = (280, 400);
