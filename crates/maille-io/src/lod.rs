@@ -16,7 +16,7 @@ use crate::progressive::{Part, collapses_for, error_at, parts_of, refusal};
 use crate::{Asset, CollapseOptions, PoseSet, order_for_display, poses_of};
 
 /// Lines of the pictures that screen coverages are about.
-const LINES: f64 = 1080.0;
+pub(crate) const LINES: f64 = 1080.0;
 /// Samples by which levels are measured that come from elsewhere.
 const SAMPLES: u64 = 200_000;
 
@@ -59,8 +59,13 @@ pub enum LevelTarget {
     /// As few triangles as leave an error of [`LodOptions::pixels`] where the model covers so large a share of the height of a
     /// picture.
     Screen(f64),
-    /// These meshes, from elsewhere: in place of [`Asset::meshes`], one by one, with their joints and material slots.
-    Meshes(Vec<Mesh>),
+    /// Meshes from elsewhere.
+    Meshes {
+        /// In place of [`Asset::meshes`], one by one, with their joints and material slots.
+        meshes: Vec<Mesh>,
+        /// In world units; `None`: the largest distance from the original counts, sampled.
+        error: Option<f64>,
+    },
 }
 
 /// How a level tells its way to the next one.
@@ -126,8 +131,8 @@ pub struct LodLevel {
     pub meshes: Vec<Mesh>,
     /// Triangles drawn.
     pub triangles: usize,
-    /// Largest error of a collapse by the metric's estimate, in world units; of a level from elsewhere, its largest distance
-    /// from the original, sampled.
+    /// Largest error of a collapse by the metric's estimate, in world units; of a level from elsewhere, what was said of it, or its
+    /// largest distance from the original, sampled.
     pub error: f64,
     /// Which of [`LodOptions::levels`] it is.
     pub target: usize,
@@ -161,7 +166,8 @@ impl Asset {
     }
 
     /// The asset without the levels of detail that its nodes list (`MSFT_lod`), and the levels, finest first, without
-    /// geomorphs; `None` if there are none. Their errors are not known.
+    /// geomorphs; `None` if there are none. Their errors are those that are a pixel at the screen coverages that the file tells;
+    /// 0 without these.
     ///
     /// # Errors
     /// In words, if what is listed are no levels of single meshes.
@@ -196,12 +202,12 @@ enum Source<'a> {
 /// [`ProcessError`].
 pub fn lod_chain(asset: &Asset, options: &LodOptions, control: Control<'_>) -> Result<LodChain, ProcessError> {
     for (level, target) in options.levels.iter().enumerate() {
-        if let LevelTarget::Meshes(meshes) = target {
+        if let LevelTarget::Meshes { meshes, .. } = target {
             check_given(asset, meshes).map_err(|reason| ProcessError::Level { level: level + 1, reason })?;
         }
     }
     let poses = control.time("poses", || poses_of(asset, &options.poses));
-    let collapses = options.levels.iter().any(|target| !matches!(target, LevelTarget::Meshes(_)));
+    let collapses = options.levels.iter().any(|target| !matches!(target, LevelTarget::Meshes { .. }));
     let coarsest = if collapses { 0 } else { usize::MAX };
     let parts = parts_of(asset, &options.collapse, &poses, coarsest, control)?;
     let mut chain =
@@ -270,8 +276,8 @@ fn choose<'a>(
             LevelTarget::Triangles(triangles) => collapses_for(&parts, *triangles),
             LevelTarget::Error(error) => within(*error),
             LevelTarget::Screen(coverage) => within(chain.diameter * chain.pixels.0 / (LINES * coverage)),
-            LevelTarget::Meshes(meshes) => {
-                let error = farthest(asset, meshes, control)?;
+            LevelTarget::Meshes { meshes, error } => {
+                let error = error.map_or_else(|| farthest(asset, meshes, control), Ok)?;
                 chain.levels.push(LodLevel { error, target, ..LodLevel::default() });
                 sources.push(Source::Meshes(meshes));
                 continue;

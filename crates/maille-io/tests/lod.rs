@@ -180,12 +180,14 @@ fn a_chain_that_is_read_back_is_what_it_was() {
     assert_eq!((whole.meshes.len(), levels.len()), (asset.meshes.len(), 2));
     assert_eq!((whole.clips(), whole.instances.len()), (asset.clips(), asset.instances.len()));
     for (level, made) in levels.iter().zip(&chain.levels) {
+        let level_error = made.error;
         let [read, made] = [&level.meshes[0], &made.meshes[0]];
         assert_eq!((read.triangle_count(), read.wedge_count()), (made.triangle_count(), made.wedge_count()));
         let places = |mesh: &maille::Mesh| -> Vec<[f32; 3]> {
             mesh.triangles.iter().flatten().map(|&w| mesh.positions[mesh.wedge_vertices[w as usize] as usize]).collect()
         };
         assert_eq!(places(read), places(made));
+        assert!((level.error / level_error - 1.0).abs() < 1e-3, "{} for {level_error}", level.error);
         assert_eq!(read.wedge_attributes.len(), asset.meshes[0].mesh.wedge_attributes.len(), "no ways to other levels");
     }
     // as if there never had been levels
@@ -209,11 +211,10 @@ fn a_level_that_was_edited_still_morphs() {
     edited.meshes[0].name += "_LOD2";
     edited.meshes[0].mesh.positions.iter_mut().for_each(|p| p[1] += 0.01);
     let level = asset.level_from(&edited).expect("it is a level of the same asset");
-    let levels = made
-        .levels
-        .iter()
-        .enumerate()
-        .map(|(k, own)| LevelTarget::Meshes(if k == 1 { level.clone() } else { own.meshes.clone() }));
+    let levels = made.levels.iter().enumerate().map(|(k, own)| LevelTarget::Meshes {
+        meshes: if k == 1 { level.clone() } else { own.meshes.clone() },
+        error: None,
+    });
     let options = LodOptions { levels: levels.collect(), geomorph: MORPHING, ..LodOptions::default() };
     let again = chain(&asset, &options);
     let places = |mesh: &maille::Mesh| -> Vec<[u32; 3]> {

@@ -92,7 +92,11 @@ fn read(args: &LodArgs, session: &Session) -> Result<(Asset, Vec<LevelTarget>), 
             return Err(Failure::about(&args.input, &message));
         }
         (Some(Ok((whole, kept))), None) => {
-            (whole, kept.into_iter().map(|level| LevelTarget::Meshes(level.meshes)).collect())
+            let target = |level: maille_io::LodLevel| {
+                let error = (level.error > 0.0).then_some(level.error * args.pixels);
+                LevelTarget::Meshes { meshes: level.meshes, error }
+            };
+            (whole, kept.into_iter().map(target).collect())
         }
         (Some(Ok((whole, kept))), Some(levels)) => {
             session.note(&format!("the {} levels that the file has are made anew", kept.len()));
@@ -112,7 +116,7 @@ fn read(args: &LodArgs, session: &Session) -> Result<(Asset, Vec<LevelTarget>), 
         let file = session.read(path)?;
         let meshes = asset.level_from(&file);
         let refused = |reason: String| Failure::about(path, format!("it cannot be level {level}: {reason}"));
-        *place = LevelTarget::Meshes(meshes.map_err(refused)?);
+        *place = LevelTarget::Meshes { meshes: meshes.map_err(refused)?, error: None };
     }
     Ok((asset, targets))
 }

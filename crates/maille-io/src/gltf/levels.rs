@@ -7,11 +7,14 @@ use serde_json::{Value, json};
 
 use super::accessor::Accessor;
 use super::compose::without_meshes;
-use super::json::{Checked, Fault, Within, as_index, index, list, remove, remove_extension, text, undeclare};
+use super::json::{
+    Checked, Fault, Within, as_index, index, list, number_list, remove, remove_extension, text, undeclare,
+};
 use super::lod::{COVERAGE, MSFT_LOD};
 use super::primitive::material_name;
 use super::{Budget, Document, asset_of};
 use crate::asset::Source;
+use crate::lod::LINES;
 use crate::{Asset, LodLevel};
 
 /// The name of the morph target that takes a level to the next one.
@@ -56,6 +59,10 @@ impl Document {
         let mut unlimited = Budget { left: u64::MAX };
         let whole = asset_of(copy, &mut unlimited, asset.warnings.clone())?;
         let draws = whole.draws();
+        let diameter = whole.merged_positions().diagonal();
+        for (level, coverage) in levels.iter_mut().zip(self.coverages()) {
+            level.error = diameter / (LINES * coverage);
+        }
         for level in &mut levels {
             level.triangles = level.meshes.iter().zip(&draws).map(|(mesh, draws)| mesh.triangle_count() * draws).sum();
         }
@@ -87,6 +94,13 @@ impl Document {
             }
         }
         Ok((of_meshes, level_nodes))
+    }
+
+    /// The screen coverages that the first node with levels tells, as far as they make sense.
+    fn coverages(&self) -> Vec<f64> {
+        let told = |node: &Value| number_list(node.get("extras")?, COVERAGE).ok().filter(|told| !told.is_empty());
+        let told = self.list("nodes").iter().find_map(told).unwrap_or_default();
+        told.into_iter().take_while(|&coverage| coverage > 0.0 && coverage <= 1.0).collect()
     }
 
     /// A mesh of the document in place of another: the materials of its triangles are slots of that one.
