@@ -1,4 +1,4 @@
-//! glTF and GLB: any bytes give sound meshes, which can be posed, or an error.
+//! glTF and GLB: any bytes give sound meshes, which can be posed and parted from their levels of detail, or an error.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -14,6 +14,11 @@ fuzz_target!(|bytes: &[u8]| {
         for (number, clip) in asset.clips().iter().enumerate().take(4) {
             let posed = asset.animation(number).instances_at((clip.start() + clip.end()) / 2.0);
             assert_eq!(posed.len(), asset.instances.len());
+        }
+        if let Some(Ok((whole, levels))) = asset.split_levels() {
+            let meshes = levels.iter().flat_map(|level| &level.meshes);
+            meshes.for_each(|mesh| mesh.check().expect("levels are sound"));
+            assert!(levels.iter().all(|level| level.meshes.len() == whole.meshes.len()));
         }
     }
 });

@@ -7,7 +7,10 @@ use maille::mesh::{ComponentType, Values, shapes};
 use maille::samples::Character;
 use maille::skin::{Channel, Clip, Interpolation, Joint, Keys, Skeleton};
 use maille::{Attribute, Mesh, Semantic};
-use maille_io::{Asset, ReadError, ReadOptions, WriteOptions, read, read_bytes, write};
+use maille_io::{
+    Asset, GeomorphForm, LevelTarget, LodOptions, ReadError, ReadOptions, WriteOptions, lod_chain, read, read_bytes,
+    write,
+};
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
@@ -653,6 +656,61 @@ fn hostile_documents_are_refused_with_the_place() {
     let deep = format!("{}{}", "[".repeat(100_000), "]".repeat(100_000));
     let deep = format!("{{\"asset\":{{\"version\":\"2.0\"}},\"extras\":{deep}}}");
     assert!(read_bytes(&glb(deep.as_bytes(), &[]), None, &ReadOptions::default()).is_err());
+}
+
+#[test]
+fn levels_that_make_no_sense_are_told_from_chains() {
+    let with = |ids: Value, second: Value| {
+        let mut file = File::square();
+        file.json["extensionsUsed"] = json!(["MSFT_lod"]);
+        file.json["nodes"] = json!([{ "mesh": 0, "extensions": { "MSFT_lod": { "ids": ids } } }, second]);
+        file.read().unwrap().split_levels().expect("a node lists levels")
+    };
+    for (ids, second) in [
+        (json!([7]), json!({ "mesh": 0 })),
+        (json!([-1]), json!({ "mesh": 0 })),
+        (json!("many"), json!({ "mesh": 0 })),
+        (json!([1]), json!({})),
+        (json!([0]), json!({ "mesh": 0 })),
+        (json!([1]), json!({ "mesh": 0, "extensions": { "MSFT_lod": { "ids": [0] } } })),
+    ] {
+        let what = format!("{ids} {second}");
+        let reason = with(ids, second).expect_err(&what);
+        assert!(reason.contains("nodes["), "{what}: {reason}");
+    }
+    // the level is the same mesh: odd, but a chain
+    let (whole, levels) = with(json!([1, 1]), json!({ "mesh": 0 })).unwrap();
+    assert_eq!((whole.meshes.len(), whole.instances.len(), levels.len()), (1, 1, 2));
+}
+
+#[test]
+fn a_chain_with_blend_shapes_is_read_back_with_its_clips() {
+    let mut file = File::square();
+    let lift = file.accessor(FLOAT, "VEC3", 4, &floats(&[0.0, 0.0, 4.0].repeat(4)));
+    file.primitive()["targets"] = json!([{ "POSITION": lift }]);
+    file.json["meshes"][0]["weights"] = json!([0.25]);
+    file.json["meshes"][0]["extras"] = json!({ "targetNames": ["lift"] });
+    let weights = file.accessor(FLOAT, "SCALAR", 2, &floats(&[0.0, 1.0]));
+    file.channel("LINEAR", &[0.0, 2.0], weights, 0, "weights");
+    let asset = file.read().unwrap();
+    let level = LevelTarget::Meshes { meshes: vec![asset.meshes[0].mesh.clone()], error: Some(0.5) };
+    let geomorph = GeomorphForm { target: true, attributes: true, merge_weights: false };
+    let options = LodOptions { levels: vec![level], geomorph, ..LodOptions::default() };
+    let chain = lod_chain(&asset, &options, Default::default()).unwrap_or_else(|error| panic!("{error}"));
+    let mut whole = reread(&asset.with_levels(&chain));
+    assert_eq!(whole.animation(0).instances_at(2.0)[0].morph_weights, [1.0, 0.0], "the geomorph stays off");
+    // again and again: nothing is left over
+    for _ in 0..2 {
+        let (original, levels) = whole.split_levels().expect("it has levels").expect("they are a chain");
+        assert_eq!(levels.len(), 1);
+        let names = |mesh: &Mesh| mesh.morph_targets.iter().map(|target| target.name.clone()).collect::<Vec<String>>();
+        assert!([&original.meshes[0].mesh, &levels[0].meshes[0]].into_iter().all(|mesh| names(mesh) == ["lift"]));
+        let original = reread(&original);
+        assert_eq!(original.clips(), asset.clips());
+        assert_eq!(original.animation(0).instances_at(1.0)[0].morph_weights, [0.5]);
+        assert_eq!((original.instances[0].morph_weights.as_slice(), original.meshes.len()), (&[0.25][..], 1));
+        whole = reread(&original.with_levels(&chain));
+    }
 }
 
 #[test]

@@ -93,7 +93,11 @@ impl Document {
                 of_meshes[mesh] = levels;
             }
         }
-        Ok((of_meshes, level_nodes))
+        let lists_more = |&&id: &&usize| super::extension(&nodes[id], MSFT_LOD).is_some();
+        match level_nodes.iter().find(lists_more) {
+            Some(id) => Err(Fault::new("a level lists levels itself")).within_item("nodes", *id),
+            None => Ok((of_meshes, level_nodes)),
+        }
     }
 
     /// The screen coverages that the first node with levels tells, as far as they make sense.
