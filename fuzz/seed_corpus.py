@@ -94,10 +94,15 @@ def gltf():
     }
     uri = "data:application/octet-stream;base64," + base64.b64encode(binary).decode()
     save("gltf", "embedded.gltf", json.dumps({**document, "buffers": [{"byteLength": 156, "uri": uri}]}))
-    text = json.dumps({**document, "buffers": [{"byteLength": 156}]}).encode()
-    text += b" " * (-len(text) % 4)
-    body = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
-    save("gltf", "all.glb", struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body)
+    levels = [{"mesh": 0, "extensions": {"MSFT_lod": {"ids": [1]}}, "extras": {"MSFT_screencoverage": [0.5, 0.01]}},
+              {"mesh": 1, "weights": [0.5]}]
+    named = {**document["meshes"][0], "extras": {"targetNames": ["geomorph"]}, "weights": [0]}
+    chain = {**document, "nodes": levels, "scenes": [{"nodes": [0]}], "skins": [], "meshes": [named, named]}
+    for name, json_part in ("all.glb", document), ("levels.glb", chain):
+        text = json.dumps({**json_part, "buffers": [{"byteLength": 156}]}).encode()
+        text += b" " * (-len(text) % 4)
+        body = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
+        save("gltf", name, struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body)
 
 
 def mpm():
