@@ -684,6 +684,30 @@ fn levels_that_make_no_sense_are_told_from_chains() {
 }
 
 #[test]
+fn a_primitive_morphs_only_what_it_has() {
+    let mut file = File::square();
+    let bare = file.primitive().clone();
+    file.attribute("TEXCOORD_0", FLOAT, "VEC2", &floats(&[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0]));
+    let lifted = SQUARE.as_chunks::<3>().0.iter().flat_map(|&[x, y, z]| [x, y, z + 1.0]).collect::<Vec<f32>>();
+    let lifted = file.accessor(FLOAT, "VEC3", 4, &floats(&lifted));
+    let second = json!({ "attributes": { "POSITION": lifted }, "indices": bare["indices"] });
+    file.json["meshes"][0]["primitives"].as_array_mut().unwrap().push(second);
+    let asset = file.read().unwrap();
+    let mut mesh = asset.meshes[0].mesh.clone();
+    let uv = mesh.wedge_attributes.iter_mut().find(|own| own.semantic == Semantic::TexCoord(0)).unwrap();
+    uv.as_f32_mut().unwrap().iter_mut().for_each(|x| *x *= 0.5);
+    let level = LevelTarget::Meshes { meshes: vec![mesh], error: Some(0.5) };
+    let geomorph = GeomorphForm { target: true, ..GeomorphForm::default() };
+    let options = LodOptions { levels: vec![level], geomorph, ..LodOptions::default() };
+    let chain = lod_chain(&asset, &options, Default::default()).unwrap_or_else(|error| panic!("{error}"));
+    let (json, _) = split(&written(&asset.with_levels(&chain)));
+    let keys = |object: &Value| object.as_object().unwrap().keys().cloned().collect::<Vec<String>>();
+    let primitives = json["meshes"][0]["primitives"].as_array().unwrap();
+    assert_eq!(keys(&primitives[0]["targets"][0]), ["POSITION", "TEXCOORD_0"]);
+    assert_eq!(keys(&primitives[1]["targets"][0]), ["POSITION"]);
+}
+
+#[test]
 fn a_chain_with_blend_shapes_is_read_back_with_its_clips() {
     let mut file = File::square();
     let lift = file.accessor(FLOAT, "VEC3", 4, &floats(&[0.0, 0.0, 4.0].repeat(4)));

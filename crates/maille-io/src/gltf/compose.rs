@@ -423,24 +423,25 @@ fn plan<'a>(
         let shape = layout_of(document, template, &name).map(|layout| layout.shape);
         Some(PlannedAttribute { name, semantic, shape })
     });
+    let attributes: Vec<PlannedAttribute<'_>> = attributes.collect();
+    // nothing can be added to what is not there
+    let has = |semantic: &Semantic| {
+        *semantic == Semantic::Position || attributes.iter().any(|planned| planned.semantic == semantic)
+    };
     let old_targets = items(template, "targets");
     let known = primitives.iter().map(|p| items(p, "targets").len()).max().unwrap_or(0);
     let is_new = known == 0;
     let targets = mesh.morph_targets.iter().enumerate().map(|(i, target)| {
         let semantics = target.attributes.iter().map(|a| &a.semantic);
         let name = |semantic| match named(old_targets.get(i), semantic) {
-            None if i >= known => Some((new_name(semantic), semantic)),
+            None if i >= known => Some((new_name(semantic), semantic)).filter(|(_, semantic)| has(semantic)),
             name => name.map(|name| (name, semantic)),
         };
         semantics.filter_map(name).collect()
     });
     let with_targets = is_new || !old_targets.is_empty();
-    Plan {
-        attributes: attributes.collect(),
-        targets: if with_targets { targets.collect() } else { Vec::new() },
-        positions: grid.unwrap_or(Layout::floats(Shape::Vec3)),
-        quantized,
-    }
+    let targets = if with_targets { targets.collect() } else { Vec::new() };
+    Plan { attributes, targets, positions: grid.unwrap_or(Layout::floats(Shape::Vec3)), quantized }
 }
 
 /// The name that an object of accessors has for a meaning.
