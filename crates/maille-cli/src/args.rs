@@ -749,7 +749,10 @@ fn parse_levels(text: &str) -> Result<Levels, String> {
 
 fn parse_lod_level(text: &str) -> Result<LodLevel, String> {
     match text.split_once('=') {
-        None => parse_level(text).map(LodLevel::Triangles),
+        None => parse_level(text).map(LodLevel::Triangles).map_err(|_| {
+            "levels are shares (10%), numbers of triangles, error=E or screen=S; auto and auto=screen stand alone"
+                .to_owned()
+        }),
         Some(("error", error)) => parse_distance(error).map(LodLevel::Error),
         Some(("screen", share)) => parse_ratio(share).map(LodLevel::Screen),
         Some((kind, _)) => Err(format!("'{kind}' is no kind of level; there are error=E and screen=S")),

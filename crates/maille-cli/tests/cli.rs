@@ -134,6 +134,13 @@ fn a_chain_is_recognised_and_may_be_edited() {
         report["levels"].as_array().into_iter().flatten().map(|level| level["triangles"].clone()).collect()
     };
     assert_eq!(triangles(&report), [1024, 102]);
+    let again = folder.json(&["lod", "c.glb", "-o", "again.glb", "--pixels", "4"]);
+    let errors = |report: &serde_json::Value| [0, 1].map(|k| report["levels"][k]["error"].clone());
+    assert_eq!(errors(&again), errors(&report), "errors are kept, whatever they look like");
+    folder.done(&["convert", "c.glb", "-o", "one.ply"]);
+    assert_eq!(folder.json(&["info", "one.ply"])["triangles"], 2048);
+    let run = folder.json(&["lod", "a.ply", "-o", "f.glb", "--levels", "100%,1"]);
+    assert_eq!(run["warnings"].as_array().map(Vec::len), Some(2), "{run}");
     assert_eq!(folder.json(&["info", "c.glb"])["levels"], serde_json::json!([1024, 102]));
     // or are made anew
     let report = folder.json(&["lod", "c.glb", "-o", "d.glb", "--levels", "error=1%"]);

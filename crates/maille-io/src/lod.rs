@@ -160,14 +160,12 @@ impl Asset {
 
     /// The asset with its meshes as they are at a level of a chain that was made of it.
     pub fn at_level(&self, level: &LodLevel) -> Self {
-        let mut asset = self.clone();
-        asset.meshes.iter_mut().zip(&level.meshes).for_each(|(named, mesh)| named.mesh = mesh.clone());
-        asset
+        crate::gltf::at_level(self, &level.meshes)
     }
 
     /// The asset without the levels of detail that its nodes list (`MSFT_lod`), and the levels, finest first, without
-    /// geomorphs; `None` if there are none. Their errors are those that are a pixel at the screen coverages that the file tells;
-    /// 0 without these.
+    /// geomorphs; `None` if there are none. Their errors are those that Maille wrote, or those that are a pixel at the screen
+    /// coverages that the file tells; 0 without these.
     ///
     /// # Errors
     /// In words, if what is listed are no levels of single meshes.

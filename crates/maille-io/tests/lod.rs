@@ -190,6 +190,9 @@ fn a_chain_that_is_read_back_is_what_it_was() {
         assert!((level.error / level_error - 1.0).abs() < 1e-3, "{} for {level_error}", level.error);
         assert_eq!(read.wedge_attributes.len(), asset.meshes[0].mesh.wedge_attributes.len(), "no ways to other levels");
     }
+    // a level in a file of its own has its way by name, too
+    let (json, _) = written(&asset.at_level(&chain.levels[0]));
+    assert_eq!(json["meshes"][0]["extras"]["targetNames"], serde_json::json!(["geomorph"]));
     // as if there never had been levels
     let (json, _) = written(&whole);
     let (expected, _) = written(&asset);

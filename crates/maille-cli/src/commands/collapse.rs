@@ -160,6 +160,10 @@ pub(super) fn refusal(path: &Path, error: &ProcessError) -> Failure {
         ProcessError::Mesh { error: SimplifyError::NotFinite { .. }, .. } => {
             Failure::Refused(format!("cannot simplify {path}: {error} (maille repair {path} -o OUT --all)"))
         }
+        ProcessError::Mesh { error: SimplifyError::InvalidOption { name: "poses", .. }, .. } => {
+            let remedy = "--poses bind looks at the surface as it is stored, with any metric";
+            Failure::Refused(format!("cannot simplify {path}: {error} ({remedy})"))
+        }
         ProcessError::NoTexture => {
             Failure::Refused(format!("cannot simplify {path}: {error} (leave out --max-texel-error)"))
         }

@@ -18,7 +18,11 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<(), Failure> {
     }
     let session = Session::start(&args.common)?;
     let asset = match args.level {
-        None => session.read(&args.input)?,
+        None => {
+            let asset = session.read(&args.input)?;
+            let holds_levels = matches!(Format::from_path(&path), Some(Format::Glb | Format::Gltf));
+            if holds_levels { asset } else { super::without_levels(asset, &session) }
+        }
         Some(level) => at_level(session.read(&args.input)?, level, &args.input)?,
     };
     let written = session.write(&asset, &path, &WriteOptions { text: args.text, ..WriteOptions::default() })?;

@@ -62,7 +62,8 @@ pub(crate) fn run(args: &LodArgs) -> Result<(), Failure> {
         lod_chain(&asset, &options, control.with_times(times)).map_err(|error| refusal(&args.input, &error))
     })?;
     session.checkpoint()?;
-    tell_missed(args, &chain, &options.levels, &session);
+    let warnings = missed(args, &chain, &options.levels);
+    warnings.iter().for_each(|warning| session.note(warning));
     let form = WriteOptions { strips: args.strips, ..WriteOptions::default() };
     let files = ledger.stage("write", |_| -> Result<_, Failure> {
         if in_one_file {
@@ -79,7 +80,7 @@ pub(crate) fn run(args: &LodArgs) -> Result<(), Failure> {
         }
         Ok(files)
     })?;
-    let done = Done { chain, asset, files, ledger };
+    let done = Done { chain, asset, files, ledger, warnings };
     session.result(|| done.json(args, &session), || done.text(args))
 }
 
@@ -92,8 +93,11 @@ fn read(args: &LodArgs, session: &Session) -> Result<(Asset, Vec<LevelTarget>), 
             return Err(Failure::about(&args.input, &message));
         }
         (Some(Ok((whole, kept))), None) => {
+            let geomorphs = if args.geomorph.is_some() { "" } else { ", without geomorphs (--geomorph makes them)" };
+            let count = kept.len();
+            session.note(&format!("the {count} levels of the file are kept{geomorphs}; --levels makes them anew"));
             let target = |level: maille_io::LodLevel| {
-                let error = (level.error > 0.0).then_some(level.error * args.pixels);
+                let error = (level.error > 0.0).then_some(level.error);
                 LevelTarget::Meshes { meshes: level.meshes, error }
             };
             (whole, kept.into_iter().map(target).collect())
@@ -152,22 +156,21 @@ pub(super) fn targets(levels: &Levels, asset: &Asset) -> Result<Vec<LevelTarget>
     }
 }
 
-/// Tells which levels are not as they were wanted.
-fn tell_missed(args: &LodArgs, chain: &LodChain, targets: &[LevelTarget], session: &Session) {
+/// Which levels are not as they were wanted, in words.
+fn missed(args: &LodArgs, chain: &LodChain, targets: &[LevelTarget]) -> Vec<String> {
     let made: BTreeMap<usize, usize> = chain.levels.iter().enumerate().map(|(k, level)| (level.target, k)).collect();
     let is_asked = matches!(args.levels, Some(Levels::These(_)));
-    for (target, wanted) in targets.iter().enumerate() {
-        match (made.get(&target), wanted) {
-            (None, _) if is_asked => {
-                session.note(&format!("wanted level {} is left out: it is no coarser than the one before", target + 1));
-            }
-            (Some(&k), LevelTarget::Triangles(wanted)) if chain.levels[k].triangles > *wanted => {
-                let (found, wanted) = (output::count(chain.levels[k].triangles), output::count(*wanted));
-                session.note(&format!("level {} has {found} triangles, not {wanted}: no more may collapse", k + 1));
-            }
-            _ => {}
+    let missed = |(target, wanted): (usize, &LevelTarget)| match (made.get(&target), wanted) {
+        (None, _) if is_asked => {
+            Some(format!("wanted level {} is left out: it is no coarser than the one before", target + 1))
         }
-    }
+        (Some(&k), LevelTarget::Triangles(wanted)) if chain.levels[k].triangles > *wanted => {
+            let (found, wanted) = (output::count(chain.levels[k].triangles), output::count(*wanted));
+            Some(format!("level {} has {found} triangles, not {wanted}: no more may collapse", k + 1))
+        }
+        _ => None,
+    };
+    targets.iter().enumerate().filter_map(missed).collect()
 }
 
 /// The files of the levels, the original first.
@@ -222,6 +225,7 @@ struct Done {
     asset: Asset,
     files: Vec<PathBuf>,
     ledger: Ledger,
+    warnings: Vec<String>,
 }
 
 impl Done {
@@ -248,6 +252,7 @@ impl Done {
             "stages": self.ledger.json(),
             "threads": session.threads(),
             "peak_bytes": self.ledger.peak_bytes(),
+            "warnings": ([&self.asset.warnings[..], &self.warnings].concat()),
         })
     }
 

@@ -90,6 +90,7 @@ fn cut(args: &ProgressiveArgs, level: Level, session: &Session) -> Result<(), Fa
     let warnings = progressive.warnings().to_vec();
     let finest = ProgressiveFacts::of(&progressive).finest;
     let wanted = level.of(finest);
+    let diagonal = super::diagonal(&progressive.finest());
     let (asset, collapses) = ledger.stage("level", |_| {
         let collapses = progressive.collapses_for(wanted);
         let mut asset = progressive.level(&collapses);
@@ -103,7 +104,6 @@ fn cut(args: &ProgressiveArgs, level: Level, session: &Session) -> Result<(), Fa
         session.note(&format!("the level has {found} triangles, not {wanted}: no more may collapse"));
     }
     let written = ledger.stage("write", |_| session.write(&asset, &args.output, &WriteOptions::default()))?;
-    let diagonal = super::diagonal(&asset);
     let json = || {
         let mut json = common_json(args, session, &ledger, &written, &warnings);
         json["triangles_in"] = json!(finest);

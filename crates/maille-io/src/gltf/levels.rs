@@ -10,7 +10,7 @@ use super::compose::without_meshes;
 use super::json::{
     Checked, Fault, Within, as_index, index, list, number_list, remove, remove_extension, text, undeclare,
 };
-use super::lod::{COVERAGE, MSFT_LOD};
+use super::lod::{COVERAGE, ERRORS, MSFT_LOD};
 use super::primitive::material_name;
 use super::{Budget, Document, asset_of};
 use crate::asset::Source;
@@ -59,10 +59,8 @@ impl Document {
         let mut unlimited = Budget { left: u64::MAX };
         let whole = asset_of(copy, &mut unlimited, asset.warnings.clone())?;
         let draws = whole.draws();
-        let diameter = whole.merged_positions().diagonal();
-        for (level, coverage) in levels.iter_mut().zip(self.coverages()) {
-            level.error = diameter / (LINES * coverage);
-        }
+        let errors = self.errors(whole.merged_positions().diagonal());
+        levels.iter_mut().zip(errors).for_each(|(level, error)| level.error = error);
         for level in &mut levels {
             level.triangles = level.meshes.iter().zip(&draws).map(|(mesh, draws)| mesh.triangle_count() * draws).sum();
         }
@@ -100,11 +98,17 @@ impl Document {
         }
     }
 
-    /// The screen coverages that the first node with levels tells, as far as they make sense.
-    fn coverages(&self) -> Vec<f64> {
-        let told = |node: &Value| number_list(node.get("extras")?, COVERAGE).ok().filter(|told| !told.is_empty());
-        let told = self.list("nodes").iter().find_map(told).unwrap_or_default();
-        told.into_iter().take_while(|&coverage| coverage > 0.0 && coverage <= 1.0).collect()
+    /// The errors of the levels in world units, as far as the first node with levels tells them: itself, or by the screen
+    /// coverages at which they are a pixel. As far as they make sense.
+    fn errors(&self, diameter: f64) -> Vec<f64> {
+        let told = |key: &'static str| {
+            let told = |node: &Value| number_list(node.get("extras")?, key).ok().filter(|told| !told.is_empty());
+            self.list("nodes").iter().find_map(told)
+        };
+        let by_coverage =
+            || told(COVERAGE).unwrap_or_default().iter().map(|coverage| diameter / (LINES * coverage)).collect();
+        let errors: Vec<f64> = told(ERRORS).unwrap_or_else(by_coverage);
+        errors.into_iter().take_while(|&error| error > 0.0 && error.is_finite()).collect()
     }
 
     /// A mesh of the document in place of another: the materials of its triangles are slots of that one.
@@ -171,6 +175,7 @@ impl Document {
             remove_extension(node, MSFT_LOD);
             if let Some(extras) = node.get_mut("extras") {
                 remove(extras, COVERAGE);
+                remove(extras, ERRORS);
                 if extras.as_object().is_some_and(serde_json::Map::is_empty) {
                     remove(node, "extras");
                 }

@@ -15,12 +15,22 @@ use crate::{LodChain, NamedMesh};
 
 pub(super) const MSFT_LOD: &str = "MSFT_lod";
 pub(super) const COVERAGE: &str = "MSFT_screencoverage";
+/// Beside the coverages, which end at the full height of a picture: the error of each level, in world units.
+pub(super) const ERRORS: &str = "MAILLE_lod_errors";
 const INSTANCING: &str = "EXT_mesh_gpu_instancing";
 
 impl Document {
     /// Whether nodes list levels.
     pub(crate) fn has_levels(&self) -> bool {
         self.list("nodes").iter().any(|node| extension(node, MSFT_LOD).is_some())
+    }
+
+    /// The document for its meshes as they are at a level: with the names of morph targets that are new.
+    pub(super) fn at_level(&self, meshes: &[Mesh]) -> Self {
+        let mut copy = Self { json: self.json.clone(), ..self.shared() };
+        let mut widened = HashSet::new();
+        meshes.iter().enumerate().for_each(|(i, mesh)| copy.add_target_names(i, mesh, &mut widened));
+        copy
     }
 
     /// The document with nodes and meshes for the levels of its meshes, and all meshes, in its order: `meshes` and then
@@ -48,14 +58,16 @@ impl Document {
         }
         let mut json = copy.json;
         let moved = moved_nodes(&json);
-        let coverage = (!by_name).then(|| chain.screen_coverage());
+        let coverage = chain.screen_coverage();
+        let errors: Vec<f64> = chain.levels.iter().map(|level| level.error).collect();
+        let told = (!by_name).then_some((coverage.as_slice(), errors.as_slice()));
         for node in 0..self.list("nodes").len() {
             let Some(levels) = index(&json["nodes"][node], "mesh").ok().flatten().and_then(|mesh| numbers.get(mesh))
             else {
                 continue;
             };
             if !levels.is_empty() {
-                add_levels(&mut json, node, levels, moved.contains(&node), coverage.as_deref());
+                add_levels(&mut json, node, levels, moved.contains(&node), told);
             }
         }
         if by_name {
@@ -147,9 +159,9 @@ fn channels_of(json: &Value) -> impl Iterator<Item = &Value> {
     animations.flat_map(|animation| animation.get("channels").and_then(Value::as_array).into_iter().flatten())
 }
 
-/// Adds nodes for the levels of a node's mesh, given by their numbers: listed by the node, or beside it if it lists no
-/// coverages.
-fn add_levels(json: &mut Value, node: usize, levels: &[usize], is_moved: bool, coverage: Option<&[f64]>) {
+/// Adds nodes for the levels of a node's mesh, given by their numbers: listed by the node with their coverages and errors, or
+/// beside it if these are not told.
+fn add_levels(json: &mut Value, node: usize, levels: &[usize], is_moved: bool, told: Option<(&[f64], &[f64])>) {
     let has_children = json["nodes"][node].get("children").is_some();
     let carrier = if is_moved || has_children { hand_mesh_down(json, node) } else { node };
     let name = match text(&json["nodes"][carrier], "name") {
@@ -160,7 +172,7 @@ fn add_levels(json: &mut Value, node: usize, levels: &[usize], is_moved: bool, c
     for (k, &mesh) in levels.iter().enumerate() {
         let mut level = json["nodes"][carrier].clone();
         level["mesh"] = json!(mesh);
-        if !name.is_empty() || coverage.is_none() {
+        if !name.is_empty() || told.is_none() {
             level["name"] = json!(level_name(&name, k + 1));
         }
         remove(&mut level, "camera");
@@ -168,7 +180,7 @@ fn add_levels(json: &mut Value, node: usize, levels: &[usize], is_moved: bool, c
         move_weights(json, carrier, id, true);
         ids.push(id);
     }
-    let Some(coverage) = coverage else {
+    let Some((coverage, errors)) = told else {
         json["nodes"][carrier]["name"] = json!(level_name(&name, 0));
         add_beside(json, carrier, &ids);
         return;
@@ -177,6 +189,7 @@ fn add_levels(json: &mut Value, node: usize, levels: &[usize], is_moved: bool, c
     carrier["extensions"][MSFT_LOD] = json!({ "ids": ids });
     if carrier.get("extras").is_none_or(Value::is_object) {
         carrier["extras"][COVERAGE] = json!(coverage);
+        carrier["extras"][ERRORS] = json!(errors);
     }
 }
 

@@ -29,6 +29,7 @@ mod scene;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use maille::Mesh;
 use serde_json::Value;
 
 use crate::asset::Source;
@@ -244,6 +245,19 @@ pub(crate) fn with_levels(asset: &Asset, chain: &LodChain, by_name: bool) -> Ass
         _ => fresh::document_for(asset).with_levels(&fresh::with_normals(&asset.meshes), chain, by_name),
     };
     Asset { meshes, source: Source::Gltf(Arc::new(document)), ..asset.clone() }
+}
+
+/// An asset with other meshes in place of its own, as they are at a level of detail.
+pub(crate) fn at_level(asset: &Asset, meshes: &[Mesh]) -> Asset {
+    let mut level = asset.clone();
+    level.meshes.iter_mut().zip(meshes).for_each(|(named, mesh)| named.mesh = mesh.clone());
+    if let Source::Gltf(document) = &asset.source {
+        let has_more = |(old, new): (&NamedMesh, &Mesh)| new.morph_targets.len() > old.mesh.morph_targets.len();
+        if asset.meshes.iter().zip(meshes).any(has_more) {
+            level.source = Source::Gltf(Arc::new(document.at_level(meshes)));
+        }
+    }
+    level
 }
 
 /// Writes glTF JSON with its buffers beside it, or one GLB.
