@@ -89,7 +89,7 @@ pub(crate) fn film(pictures: &[Picture], (width, height): (u32, u32)) -> String 
             super::escape(&picture.caption)
         )
     };
-    format!("<div class=\"cards\">\n{}</div>\n", pictures.iter().map(figure).collect::<String>())
+    format!("<div class=\"cards film\">\n{}</div>\n", pictures.iter().map(figure).collect::<String>())
 }
 
 /// What the colours of the distance pictures mean.
